@@ -5,14 +5,29 @@
 //! depend only on modules further down; ARCHITECTURE.md shows the dependencies.
 #![warn(missing_docs)]
 
+/// Prints a line to standard output, like `println!`, and returns the error. A closed pipe (`… |
+/// head`) is no error, so that the rest of the work is still done.
+#[macro_export]
+macro_rules! outln {
+    ($($text:tt)*) => {{
+        use std::io::Write;
+        match writeln!(std::io::stdout(), $($text)*) {
+            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                Err(anyhow::Error::new(error).context("cannot write to standard output"))
+            }
+            _ => Ok(()),
+        }
+    }};
+}
+
+pub mod app;
 pub mod cli;
-pub mod live;
 pub mod openvr;
 pub mod panel;
 pub mod render;
 pub mod report;
 pub mod settings;
-pub mod view;
+pub mod viewer;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod warning;
 

@@ -5,7 +5,7 @@ use radar_mapping::{Event, in_time_order};
 use std::time::{Duration, Instant};
 
 use a121::preset;
-use radar_chaperone::live::{Reconstruction, ReconstructionOptions};
+use radar_chaperone::app::{Reconstruction, ReconstructionOptions};
 use radar_chaperone::settings::Settings;
 use radar_mapping::Mapper;
 use radar_mapping::Scene;

@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use a121::preset;
-use radar_chaperone::live::{Latency, LatencyReport, Reconstruction, ReconstructionOptions, now_ns, thread_cpu_ns};
+use radar_chaperone::app::{Latency, LatencyReport, Reconstruction, ReconstructionOptions, now_ns, thread_cpu_ns};
 use radar_chaperone::settings::Settings;
 use radar_chaperone::warning::warn;
 use radar_simulation::Scenario;

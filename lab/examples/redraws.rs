@@ -7,7 +7,7 @@ use radar_mapping::{Event, in_time_order};
 use std::collections::BTreeMap;
 
 use a121::preset;
-use radar_chaperone::live::thread_cpu_ns;
+use radar_chaperone::app::thread_cpu_ns;
 use radar_chaperone::render::{EyeView, Renderer, StereoScene, Window};
 use radar_chaperone::settings::Settings;
 use radar_chaperone::warning::{WarningTracker, Wearer};

@@ -11,7 +11,7 @@ use radar_mapping::in_time_order;
 use std::time::Instant;
 
 use a121::preset;
-use radar_chaperone::live::Latency;
+use radar_chaperone::app::Latency;
 use radar_mapping::MappingSettings;
 use radar_mapping::{Mapper, MapperCounters};
 use radar_simulation::Scenario;

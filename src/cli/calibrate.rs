@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 
 use super::files::{SettingsArguments, read_streams};
-use super::progress;
+use crate::app::progress;
 use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot, write_atomically};
 use radar_mapping::{OffsetWindow, Synchronisation, synchronisation};
 

@@ -13,10 +13,10 @@ use glam::DVec3;
 use indicatif::ProgressBar;
 
 use super::files::read_streams;
-use super::progress;
 use super::replay::{Replay, obstacle_table, result_text, sensor_path, write_obstacles};
 use super::simulate::write_scenario;
 use super::view::ViewArguments;
+use crate::app::progress;
 use crate::render::{EyeView, Renderer};
 use crate::report::{
     Figure, Limits, Marks, Report, RoomMap, Score, Section, Table, cross_sections, point_cloud, points_above, room_map,

@@ -6,9 +6,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 
-use super::board::{BoardArguments, counter_lines, line_speed, preset_table};
+use super::board::BoardArguments;
 use super::doctor_steamvr::check_steamvr;
-use crate::live::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
+use crate::app::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
+use crate::app::{counter_lines, line_speed, preset_table};
 use a121::find::{Candidate, discover, list_ports};
 use a121::preset;
 use a121::remedy::{MODEM_MANAGER_REMEDY, modem_manager_runs, owning_group};

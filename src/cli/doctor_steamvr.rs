@@ -4,7 +4,7 @@
 use anyhow::Result;
 
 use super::doctor::Findings;
-use super::install::registration_trouble;
+use crate::app::registration_trouble;
 use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Universe};
 
 /// Checks SteamVR. A computer without SteamVR has nothing to fix: it records and replays.

@@ -1,5 +1,6 @@
 //! File handling shared by several commands: settings over a recording, streams read to the end.
 
+use crate::app::user_folder;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -76,17 +77,6 @@ impl SettingsArguments {
 /// Path of the user's own settings.
 pub(super) fn user_settings() -> Option<PathBuf> {
     user_folder("XDG_CONFIG_HOME", ".config").map(|folder| folder.join("settings.toml"))
-}
-
-/// This program's folder in the user's home, by the platform's conventions.
-pub(super) fn user_folder(variable: &str, below_home: &str) -> Option<PathBuf> {
-    let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let folder = if cfg!(windows) {
-        named("LOCALAPPDATA")
-    } else {
-        named(variable).or_else(|| named("HOME").map(|home| home.join(below_home)))
-    };
-    folder.map(|folder| folder.join("radar-chaperone"))
 }
 
 /// Frames and poses of a recording, each in file order; damage is logged once.

@@ -1,13 +1,14 @@
 //! `radar-chaperone install` and `uninstall`: whether SteamVR starts this program.
 
+use crate::app::own_path;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use super::check_run;
-use super::files::user_folder;
-use crate::openvr::{Registration, Role, Runtime, RuntimePaths, manifest};
+use crate::app::user_folder;
+use crate::openvr::{Role, Runtime, RuntimePaths, manifest};
 
 /// The picture that SteamVR shows beside the program's name.
 const ICON: &[u8] = include_bytes!("../../overlay_assets/icon.png");
@@ -91,24 +92,6 @@ impl Uninstall {
     }
 }
 
-/// What is wrong with the program's registration in SteamVR, if anything, with the remedy.
-pub(super) fn registration_trouble(registration: &Registration) -> Option<String> {
-    let Registration { is_registered, binary, .. } = registration;
-    if !is_registered {
-        return None;
-    }
-    let binary = binary.as_ref()?;
-    let again = "`radar-chaperone install` fixes it";
-    if !binary.exists() {
-        return Some(format!("SteamVR would start {}, which is not there: {again}", binary.display()));
-    }
-    let same = |own: PathBuf| binary.canonicalize().ok() == own.canonicalize().ok();
-    match own_path().is_ok_and(same) {
-        true => None,
-        false => Some(format!("SteamVR starts another copy of this program, {}: {again}", binary.display())),
-    }
-}
-
 /// Writes the manifest, and the icon that it names beside it.
 fn write_files(path: &Path, binary: &Path, arguments: &str) -> Result<()> {
     let folder = path.parent().unwrap_or(Path::new("."));
@@ -132,10 +115,6 @@ fn remove_files(path: &Path) -> Result<bool> {
         }
     }
     Ok(were_there)
-}
-
-fn own_path() -> Result<PathBuf> {
-    std::env::current_exe().context("cannot tell where this program is")
 }
 
 /// Path of the manifest.

@@ -1,20 +1,5 @@
 //! The command line: one file per command; the module documentation of a command is its manual.
 
-/// Prints a line to standard output, like `println!`, and returns the error. A closed pipe (`… |
-/// head`) is no error, so that the rest of the work is still done.
-#[macro_export]
-macro_rules! outln {
-    ($($text:tt)*) => {{
-        use std::io::Write;
-        match writeln!(std::io::stdout(), $($text)*) {
-            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-                Err(anyhow::Error::new(error).context("cannot write to standard output"))
-            }
-            _ => Ok(()),
-        }
-    }};
-}
-
 mod board;
 mod calibrate;
 mod demo;
@@ -24,23 +9,16 @@ mod files;
 mod import;
 mod info;
 mod install;
-mod instance;
-pub mod progress;
 mod reconstruct;
 mod record;
-mod record_file;
 mod recover;
 mod replay;
 mod results;
 mod run;
-mod run_report;
-mod run_view;
 mod sensor;
-mod sensor_supervisor;
 #[cfg_attr(not(unix), path = "serve_elsewhere.rs")]
 mod serve;
 mod simulate;
-mod stop;
 mod view;
 
 use std::io::Write;

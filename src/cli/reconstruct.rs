@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Map, Value};
 
 use super::files::{SettingsArguments, read_streams, refuse_overwriting};
-use super::progress;
+use crate::app::progress;
 use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
 use crate::settings::Settings;
 use radar_mapping::cube_ahead;

@@ -9,15 +9,14 @@ use anyhow::{Result, bail};
 use clap::Args;
 
 use super::files::refuse_overwriting;
-use super::record_file::{PoseSource, RecordFile};
-use super::sensor::{FrameIntake, SensorArguments, Until};
-use super::stop::stop_flag;
-use crate::live::HeadPoses;
+use super::sensor::SensorArguments;
+use crate::app::HeadPoses;
+use crate::app::stop_flag;
+use crate::app::{FrameIntake, MAX_WAITING_POSES, Until};
+use crate::app::{PoseSource, RecordFile};
 use crate::openvr::{Role, Runtime, RuntimePaths};
 use radar_mapping::Event;
 
-/// Bound of the poses of headset and hands that wait to be written: about four seconds. Choice.
-pub(super) const MAX_WAITING_POSES: usize = 1536;
 /// Poses of the headset per second. Choice.
 const POSES_HZ: f64 = 250.0;
 

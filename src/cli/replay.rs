@@ -7,15 +7,15 @@ use anyhow::{Result, bail};
 use clap::Args;
 
 use super::files::{SettingsArguments, refuse_overwriting, warn_of_damage};
-use super::progress;
 use super::results::Results;
 use super::view::{ReplayEnd, ViewArguments};
+use crate::app::progress;
 use crate::report::{
     CloudPoint, Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_cloud,
     write_obstacles_json, write_ply,
 };
 use crate::settings::Settings;
-use crate::view::Recorder;
+use crate::viewer::Recorder;
 use radar_mapping::Event;
 use radar_mapping::Mapper;
 use radar_mapping::{Observed, Scene};

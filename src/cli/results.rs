@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 
 use crate::settings::Settings;
-use crate::view::RecordingInfo;
+use crate::viewer::RecordingInfo;
 use radar_mapping::{Event, Scene};
 use radar_mapping::{Mapper, MapperCounters, MapperKind};
 use radar_recording::{BeamCone, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};

@@ -8,8 +8,8 @@ use clap::Args;
 
 use super::files::refuse_overwriting;
 use super::import::parse_mount;
-use super::progress;
 use super::serve::Serve;
+use crate::app::progress;
 use crate::settings::Settings;
 use a121::{PRESETS, SensorConfig, preset};
 use radar_mapping::in_time_order;

@@ -6,8 +6,8 @@ use anyhow::{Context, Result};
 use clap::Args;
 
 use crate::settings::Settings;
-use crate::view;
-use crate::view::{Recorder, RecordingInfo};
+use crate::viewer;
+use crate::viewer::{Recorder, RecordingInfo};
 use radar_mapping::Scene;
 use radar_mapping::{Mapper, MapperKind};
 use radar_recording::{RecordingSummary, StreamSummary};
@@ -46,9 +46,9 @@ impl ViewArguments {
 
     /// Runs the work and shows it meanwhile, or draws it afterwards.
     pub fn show<T: Send>(&self, about: RecordingInfo, work: impl FnOnce(Recorder) -> T + Send) -> Result<T> {
-        let Some(folder) = &self.view_shot else { return Ok(view::show(about, work)?) };
+        let Some(folder) = &self.view_shot else { return Ok(viewer::show(about, work)?) };
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        let (files, done) = view::draw(about, folder, work)?;
+        let (files, done) = viewer::draw(about, folder, work)?;
         files.iter().try_for_each(|file| outln!("Drawn: {}", file.display()))?;
         Ok(done)
     }

@@ -8,7 +8,7 @@ use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 
 use a121::find::{discover, list_ports};
-use radar_chaperone::live::now_ns;
+use radar_chaperone::app::now_ns;
 use serde_json::Value;
 
 use crate::common::Folder;

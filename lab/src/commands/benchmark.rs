@@ -8,7 +8,7 @@ use clap::Args;
 
 use super::check_targets;
 use lab::experiments::{Benchmark, Plan, Row, present};
-use radar_chaperone::cli::progress;
+use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
 use radar_sar::backprojection::instruction_set;

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use lab::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_markdown, experiments_report};
-use radar_chaperone::cli::progress;
+use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
 

@@ -9,7 +9,7 @@ use serde_json::json;
 use super::check_targets;
 use a121::{PRESETS, preset};
 use lab::experiments::{Figures, PlayTrial, by_kind, curve, play, totals};
-use radar_chaperone::cli::progress;
+use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::{Chart, Series, Table, write_atomically};
 use radar_chaperone::settings::Settings;

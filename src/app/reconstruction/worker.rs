@@ -5,9 +5,9 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::{Input, PublishedMap, Shared, lock};
-use crate::live::latency_tracker::LatencyTracker;
-use crate::live::queue::Queue;
-use crate::live::{Latency, Received, now_ns, thread_cpu_ns};
+use crate::app::latency_tracker::LatencyTracker;
+use crate::app::queue::Queue;
+use crate::app::{Latency, Received, now_ns, thread_cpu_ns};
 use crate::settings::Settings;
 use a121::SensorConfig;
 use radar_mapping::{Event, Scene};

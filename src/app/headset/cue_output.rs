@@ -1,7 +1,7 @@
 //! Outputs cues: ticks to the controllers, tones to the sound device.
 
-use crate::live::now_ns;
-use crate::live::sound::TonePlayer;
+use crate::app::now_ns;
+use crate::app::sound::TonePlayer;
 use crate::openvr::{Hands, Runtime};
 use crate::settings::Settings;
 use crate::warning::{CueScheduler, Warnings, Wearer};

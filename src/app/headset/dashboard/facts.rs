@@ -1,11 +1,12 @@
 //! Collects what the dashboard's panel shows. Numbers are rounded, so that the panel is redrawn
 //! only for visible changes.
 
+use super::super::status::SensorCount;
 use std::sync::Arc;
 
 use glam::{DMat2, DVec2, DVec3};
 
-use crate::live::{PublishedMap, Reconstruction};
+use crate::app::{PublishedMap, Reconstruction};
 use crate::panel::{Head, Health, PanelView, Plan, PlanMovingTarget, PlanObstacle, SensorHealth, hull};
 use crate::settings::Settings;
 use radar_mapping::{MovingTarget, Obstacle, Wall};
@@ -30,15 +31,6 @@ pub(in super::super) struct Facts {
     pub is_alive: Option<bool>,
     /// Whether the user wants notices in the headset.
     pub may_notify: bool,
-}
-
-/// What the sensor has sent so far.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SensorCount {
-    /// Sweeps received.
-    pub sweeps: u64,
-    /// Sweeps that were measured and lost.
-    pub lost: u64,
 }
 
 /// Counters at a time.

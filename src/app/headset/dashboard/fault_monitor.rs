@@ -4,7 +4,7 @@
 //! A fault is reported once it has lasted for some seconds, and again once a minute: nobody should
 //! rely on missing warnings, and nobody should be kept from playing.
 
-use super::SensorCount;
+use super::super::status::SensorCount;
 use crate::panel::Notice;
 
 /// Longest time from connecting to the first sweep, nanoseconds. Choice.

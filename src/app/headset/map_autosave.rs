@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::pose_thread::{RoomFrame, SharedFrame};
-use crate::live::{Reconstruction, SettingsStore, now_ns};
+use crate::app::{SensorSupervisor, SettingsStore, now_ns};
 use radar_mapping::SavedMap;
 use radar_recording::{MapFile, MapFileError, MapFolder};
 
@@ -52,7 +52,7 @@ impl MapStore {
 pub(super) struct MapAutosave<'k, 'a> {
     pub maps: &'k MapStore,
     pub frame: &'k SharedFrame,
-    pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
+    pub supervisor: &'a SensorSupervisor,
     pub settings: &'k SettingsStore,
 }
 
@@ -80,7 +80,7 @@ impl MapAutosave<'_, '_> {
     }
 
     fn step(&self, progress: &mut Progress, is_last: bool) {
-        let Some(reconstruction) = (self.reconstruction)() else { return };
+        let Some(reconstruction) = self.supervisor.reconstruction() else { return };
         // A map reset changes frame and epoch under this lock, so they belong together.
         let frame = self.frame.lock().unwrap_or_else(PoisonError::into_inner);
         let (room, epoch) = (*frame, reconstruction.epoch());

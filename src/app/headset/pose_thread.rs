@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use super::frames::EventSink;
 use super::samples::{poses_now, sample};
-use crate::live::now_ns;
+use super::status::EventSink;
+use crate::app::now_ns;
 use crate::openvr::{Hands, Runtime};
 use radar_sar::geometry::Pose;
 

@@ -1,30 +1,28 @@
 //! The frame loop; see the parent module's documentation.
 
+use crate::app::SensorSupervisor;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use super::anchor::{Anchor, AnchorChange, LeapDetector};
 use super::cue_output::CueOutput;
-use super::dashboard::{Dashboard, Facts, PanelSources, PanelWorker, SensorCount};
+use super::dashboard::{Dashboard, Facts, PanelSources, PanelWorker};
 use super::display::{ShowError, Viewpoint, WarningDisplay};
-use super::graphics::{DrawFaults, Graphics, GraphicsError, LostDevices, Retry};
+use super::graphics::{DrawFaults, Graphics, LostDevices, Retry};
 use super::map_autosave::{MapAutosave, MapStore};
-use super::meter::{FrameMeter, FrameReport, FrameTimes};
+use super::meter::{FrameMeter, FrameTimes};
 use super::pose_thread::{RoomFrame, SharedFrame, read_poses};
 use super::runtime_monitor::RuntimeMonitor;
 use super::samples::{HandSampler, poses_now, sample, wearer};
-use crate::live::{CoreWait, Reconstruction, SettingsStore, now_ns, thread_cpu_ns};
-use crate::openvr::{DisplayTiming, Hands, OpenVrError, Poses, Runtime, RuntimeEvent, Universe};
+use super::status::{Ending, HeadsetError, HeadsetReport, HeadsetStatus};
+use crate::app::{CoreWait, Reconstruction, SettingsStore, now_ns, thread_cpu_ns};
+use crate::openvr::{DisplayTiming, Hands, Poses, Runtime, RuntimeEvent, Universe};
 use crate::render::RenderError;
 use crate::settings::Settings;
 use crate::warning::WarningTracker;
 use radar_mapping::{Event, Scene};
 use radar_sar::geometry::Pose;
-
-/// Takes every head pose and the positions of the wearer's hands, in the session frame; must not
-/// block.
-pub type EventSink<'a> = &'a (dyn Fn(Event) + Sync);
 
 /// Interval of checks of the standing universe, nanoseconds; an event triggers one at once. Choice.
 const CHECK_INTERVAL_NS: i64 = 100_000_000;
@@ -32,64 +30,6 @@ const CHECK_INTERVAL_NS: i64 = 100_000_000;
 const MAX_HEAD_AGE_NS: i64 = 1_000_000_000;
 /// Interval of the shared status, nanoseconds. Choice.
 const STATUS_INTERVAL_NS: i64 = 250_000_000;
-
-/// Why the loop ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ending {
-    /// This program was asked to end.
-    Asked,
-    /// SteamVR quits.
-    SteamVrQuit,
-    /// SteamVR exited unexpectedly.
-    SteamVrGone,
-}
-
-/// Why the loop cannot start.
-#[derive(Debug, thiserror::Error)]
-pub enum HeadsetError {
-    /// SteamVR refuses something.
-    #[error(transparent)]
-    SteamVr(#[from] OpenVrError),
-    /// There is no usable graphics device.
-    #[error(transparent)]
-    Graphics(#[from] GraphicsError),
-}
-
-/// Status of the loop.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct HeadsetStatus {
-    /// Frames and their cost.
-    pub frames: FrameReport,
-    /// Whether the head is tracked.
-    pub is_tracked: bool,
-    /// Number of overlays shown.
-    pub overlays_shown: usize,
-    /// Distance to the nearest obstacle with a warning, metres.
-    pub nearest_m: Option<f64>,
-    /// Pictures passed to the runtime so far.
-    pub pictures: u64,
-    /// Most memory used by the panels' pictures, bytes.
-    pub most_picture_bytes: u64,
-    /// How often the user recentred.
-    pub recentred: u64,
-    /// How often the map was reset: for another room, or by the user.
-    pub forgotten: u64,
-    /// How often the graphics device was lost.
-    pub devices_lost: u64,
-    /// Calls refused by the runtime.
-    pub refused: u64,
-    /// Poses dropped because reading them took too long to know their time.
-    pub poses_untimed: u64,
-}
-
-/// Result of a loop that has ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeadsetReport {
-    /// Why it ended.
-    pub ending: Ending,
-    /// Its last status.
-    pub status: HeadsetStatus,
-}
 
 /// Pictures and devices that must outlive the session, because the runtime may copy from them until
 /// then.
@@ -103,22 +43,14 @@ pub struct RetainedGraphics {
 pub struct FrameLoop<'a> {
     /// The session.
     pub runtime: &'a Arc<Runtime>,
-    /// The reconstruction, once there is one.
-    pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
-    /// Length of a sensor frame, nanoseconds, for the age of sweeps.
-    pub sensor_period_ns: &'a (dyn Fn() -> i64 + Sync),
-    /// What the sensor has sent so far, once there is one.
-    pub sensor: &'a (dyn Fn() -> Option<SensorCount> + Sync),
-    /// Target of poses and hands.
-    pub sink: EventSink<'a>,
+    /// The sensor and the reconstruction.
+    pub supervisor: &'a SensorSupervisor,
     /// Where maps are saved from one start to the next; `None`: nowhere.
     pub maps: Option<&'a MapStore>,
     /// Settings, which may change at any time.
     pub settings: &'a SettingsStore,
     /// Ends the loop.
     pub stop: &'a AtomicBool,
-    /// Shared status, updated four times a second.
-    pub status: &'a Mutex<HeadsetStatus>,
 }
 
 impl FrameLoop<'_> {
@@ -137,15 +69,16 @@ impl FrameLoop<'_> {
         let poses_hz = state.settings.headset.poses_hz;
         std::thread::scope(|scope| {
             let _done = DoneGuard(&done);
-            let &Self { settings: store, reconstruction, .. } = self;
+            let &Self { settings: store, supervisor, .. } = self;
             // It ends with the state.
-            scope.spawn(move || panel.run(&PanelSources { store, reconstruction }));
+            scope.spawn(move || panel.run(&PanelSources { store, supervisor }));
             if poses_hz > 0.0 {
-                let (runtime, frame, sink, done) = (self.runtime, &frame, self.sink, &done);
-                scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
+                let (runtime, frame, done) = (self.runtime, &frame, &done);
+                let sink = |event| supervisor.push(event);
+                scope.spawn(move || read_poses(runtime, frame, poses_hz, &sink, done));
             }
             if let Some(maps) = self.maps {
-                let keeper = MapAutosave { maps, frame: &frame, reconstruction, settings: store };
+                let keeper = MapAutosave { maps, frame: &frame, supervisor, settings: store };
                 let done = &done;
                 scope.spawn(move || keeper.run(done));
             }
@@ -328,10 +261,10 @@ impl<'s, 'a> LoopState<'s, 'a> {
         self.watch_for_leaps(time_ns, &poses);
         let Some(anchor) = self.anchor else { return };
         if self.settings.headset.poses_hz <= 0.0 {
-            (self.with.sink)(Event::Pose(sample(time_ns, &poses.head, &anchor.session_from_raw())));
+            self.with.supervisor.push(Event::Pose(sample(time_ns, &poses.head, &anchor.session_from_raw())));
         }
         if let Some(hands) = self.hand_sampler.next(time_ns, &poses, &anchor.session_from_raw()) {
-            (self.with.sink)(Event::Hands(hands));
+            self.with.supervisor.push(Event::Hands(hands));
         }
         self.status.is_tracked = poses.head.valid_pose().is_some();
     }
@@ -388,7 +321,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         // No pose of the new frame may reach the old map, and none of the old frame the new map:
         // the pose thread holds this lock until its pose has been pushed.
         let mut frame = self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(reconstruction) = (self.with.reconstruction)() {
+        if let Some(reconstruction) = self.with.supervisor.reconstruction() {
             self.scene.epoch = reconstruction.reset();
         }
         *frame = Some(self.room_frame(anchor));
@@ -441,9 +374,9 @@ impl<'s, 'a> LoopState<'s, 'a> {
     /// Takes the newest scene in the standing universe; returns the end of its newest sweep and the
     /// length of a sensor frame.
     fn take_scene(&mut self, anchor: &Anchor) -> Option<(i64, i64)> {
-        let published = (self.with.reconstruction)()?.latest();
+        let published = self.with.supervisor.reconstruction()?.latest();
         self.scene.place(&published.scene, published.epoch, &anchor.standing_from_session());
-        (published.newest_sweep_ns > 0).then(|| (published.newest_sweep_ns, (self.with.sensor_period_ns)()))
+        (published.newest_sweep_ns > 0).then(|| (published.newest_sweep_ns, self.with.supervisor.sensor_period_ns()))
     }
 
     fn show_warnings(&mut self, now_ns: i64, anchor: &Anchor) -> Result<(), ShowError> {
@@ -488,8 +421,8 @@ impl<'s, 'a> LoopState<'s, 'a> {
             standing_from_head: self.head.map(|(_, head)| head),
             standing_from_session: self.anchor.map(|anchor| anchor.standing_from_session()),
             is_tracked: self.status.is_tracked,
-            sensor: (self.with.sensor)(),
-            is_alive: (self.with.reconstruction)().map(Reconstruction::is_alive),
+            sensor: self.with.supervisor.sensor_count(),
+            is_alive: self.with.supervisor.reconstruction().map(Reconstruction::is_alive),
             may_notify: self.settings.headset.warnings && self.settings.headset.notices,
         };
         if let Err(error) = self.dashboard.update(now_ns, self.graphics.as_ref(), &facts)
@@ -529,7 +462,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
             return;
         }
         // A reader that holds the lock gets the next update.
-        if let Ok(mut seen) = self.with.status.try_lock() {
+        if let Ok(mut seen) = self.with.supervisor.status.try_lock() {
             self.status_ns = now_ns;
             *seen = self.status_now();
         }

@@ -1,7 +1,7 @@
 //! Measures the frame loop: its cost, missed frames, and the age of sweeps when a frame shows their
 //! result. Fixed memory.
 
-use crate::live::{Latency, LatencyReport};
+use crate::app::{Latency, LatencyReport};
 
 /// A frame that starts later than this many periods after the previous one follows a missed frame.
 /// Choice.

@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::anchor::{Anchor, AnchorChange, LeapDetector};
-use super::frames::EventSink;
 use super::samples::{HandSampler, poses_now, sample};
-use crate::live::now_ns;
+use super::status::EventSink;
+use crate::app::now_ns;
 use crate::openvr::{Hands, Runtime};
 
 /// Interval of checks of the standing universe, nanoseconds. Choice.

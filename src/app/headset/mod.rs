@@ -18,9 +18,10 @@ mod overlay_pool;
 mod pose_thread;
 mod runtime_monitor;
 mod samples;
+mod status;
 
-pub use dashboard::SensorCount;
-pub use frames::{Ending, EventSink, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, RetainedGraphics};
+pub use frames::{FrameLoop, RetainedGraphics};
 pub use head_poses::HeadPoses;
 pub use map_autosave::MapStore;
 pub use meter::FrameReport;
+pub use status::{Ending, EventSink, HeadsetError, HeadsetReport, HeadsetStatus, SensorCount};

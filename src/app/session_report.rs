@@ -5,10 +5,10 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-use crate::live::{Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters};
+use super::{Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters};
 
 /// Results of a session.
-pub(super) struct RunReport {
+pub struct SessionReport {
     ending: Ending,
     headset: HeadsetStatus,
     reconstruction: Option<ReconstructionCounters>,
@@ -17,7 +17,7 @@ pub(super) struct RunReport {
     time_offset_sigma_s: Option<f64>,
 }
 
-impl RunReport {
+impl SessionReport {
     pub fn new(done: &HeadsetReport, reconstruction: Option<&Reconstruction>) -> Self {
         let newest = reconstruction.map(Reconstruction::latest);
         Self {
@@ -82,7 +82,7 @@ fn latency(report: &LatencyReport) -> Value {
 }
 
 /// Prints the report.
-pub(super) fn print_report(report: &RunReport) -> Result<()> {
+pub fn print_report(report: &SessionReport) -> Result<()> {
     let HeadsetStatus { frames, pictures, recentred, forgotten, devices_lost, refused, .. } = report.headset;
     let ms = |seconds: f64| seconds * 1e3;
     outln!(

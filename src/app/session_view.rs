@@ -8,10 +8,10 @@ use std::time::Duration;
 use anyhow::{Result, anyhow};
 
 use super::sensor_supervisor::SensorSupervisor;
-use crate::live::{PublishedMap, Reconstruction, SettingsStore};
+use super::{PublishedMap, Reconstruction, SettingsStore};
 use crate::settings::Settings;
-use crate::view;
-use crate::view::{Health, Recorder, RecordingInfo, VOXELS, ViewError};
+use crate::viewer;
+use crate::viewer::{Health, Recorder, RecordingInfo, VOXELS, ViewError};
 use a121::preset;
 use radar_mapping::MapperKind;
 use radar_recording::Header;
@@ -27,11 +27,11 @@ const PRESET: &str = "d16";
 /// Runs the work in its own thread and shows its state, until the window is closed or the work
 /// ends. Closing the window does not end the work; where no window can be opened, the work is asked
 /// to stop.
-pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> + Send) -> Result<()> {
+pub fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> + Send) -> Result<()> {
     let config = preset(PRESET).ok_or_else(|| anyhow!("there is no preset {PRESET}"))?;
     let header = Header::new(NO_SENSOR, config, Pose::IDENTITY);
     let about = RecordingInfo::live(&header, &Settings::default(), MapperKind::Rooms);
-    let shown = view::show_with_cancel(about, work, || stop.store(true, Ordering::Relaxed));
+    let shown = viewer::show_with_cancel(about, work, || stop.store(true, Ordering::Relaxed));
     shown.map_err(|error| match error {
         ViewError::NoDesktop(cause) => {
             anyhow!("no window can be opened: {cause}. Warnings need none: run without --view")
@@ -41,7 +41,7 @@ pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> 
 }
 
 /// Updates the view of a session until it ends or the window is closed.
-pub(super) fn update_view(view: &Recorder, supervisor: &SensorSupervisor, store: &SettingsStore, is_over: &AtomicBool) {
+pub fn update_view(view: &Recorder, supervisor: &SensorSupervisor, store: &SettingsStore, is_over: &AtomicBool) {
     let mut updater = ViewUpdater { view, supervisor, store, version: 0, shown: None };
     while !is_over.load(Ordering::Relaxed) && !view.is_closed() {
         updater.update();

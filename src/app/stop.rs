@@ -14,7 +14,7 @@ const ENDING_SIGNALS: [i32; 3] =
 const ENDING_SIGNALS: [i32; 2] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM];
 
 /// Set by the first signal; a second one ends the program at once.
-pub(super) fn stop_flag() -> Result<Arc<AtomicBool>> {
+pub fn stop_flag() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in ENDING_SIGNALS {
         signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))?;

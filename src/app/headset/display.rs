@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::frames::HeadsetError;
 use super::graphics::{Graphics, GraphicsError};
 use super::overlay_pool::{MAX_OVERLAYS, OverlayPool};
+use super::status::HeadsetError;
 use crate::openvr::{EyeSide, HeadsetEye, OpenVrError, Overlay, Runtime, Universe};
 use crate::render::{EyeView, Quad, RenderError, StereoScene, Window};
 use crate::settings::{Display, ProjectionMatrix, Settings};

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
-use super::files::user_folder;
+use super::folders::user_folder;
 
 /// Held while this program runs with SteamVR. The system releases the lock however the program
 /// ends.
-pub(super) struct Instance {
+pub struct Instance {
     _lock: File,
 }
 

@@ -18,7 +18,6 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 
 pub(super) use facts::Facts;
-pub use facts::SensorCount;
 pub(super) use worker::{PanelSources, PanelWorker};
 
 use self::fault_monitor::FaultMonitor;

@@ -10,9 +10,10 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 
+use super::frame_intake::{ChosenSensor, FrameIntake, Until};
+use super::headset::{FrameReport, HeadsetStatus};
 use super::record_file::{PoseSource, RecordFile};
-use super::sensor::{ChosenSensor, FrameIntake, SensorArguments, Until};
-use crate::live::{FrameLossCounter, FrameReport, HeadsetStatus, Reconstruction, ReconstructionOptions, SensorCount};
+use super::{FrameLossCounter, Reconstruction, ReconstructionOptions, SensorCount};
 use crate::settings::Settings;
 use a121::{Frame, frame_timing};
 use radar_mapping::Event;
@@ -25,7 +26,7 @@ const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// State shared between the sensor's thread and the frame loop.
-pub(super) struct SensorSupervisor {
+pub struct SensorSupervisor {
     /// Set once there is a sensor.
     reconstruction: OnceLock<Reconstruction>,
     /// Settings of the reconstruction.
@@ -48,16 +49,20 @@ pub(super) struct SensorSupervisor {
     recorded_poses: Option<SyncSender<Event>>,
 }
 
+/// Finds the sensor, or says what is missing.
+pub type ChooseSensor = Arc<dyn Fn() -> Result<ChosenSensor> + Send + Sync>;
+
 /// Parameters of the thread.
-pub(super) struct SupervisorPlan {
-    pub sensor: SensorArguments,
-    pub record: Option<PathBuf>,
+pub struct SupervisorPlan {
+    choose_sensor: ChooseSensor,
+    record: Option<PathBuf>,
     poses: Option<Receiver<Event>>,
 }
 
 impl SupervisorPlan {
-    pub fn new(sensor: &SensorArguments, record: Option<PathBuf>) -> Self {
-        Self { sensor: sensor.clone(), record, poses: None }
+    /// `record`: file that frames and poses are recorded into.
+    pub fn new(choose_sensor: ChooseSensor, record: Option<PathBuf>) -> Self {
+        Self { choose_sensor, record, poses: None }
     }
 }
 
@@ -69,7 +74,7 @@ impl SensorSupervisor {
     pub fn start(mut plan: SupervisorPlan, settings: &Settings) -> Result<(Arc<Self>, Receiver<Result<()>>)> {
         let mut recorded_poses = None;
         if plan.record.is_some() {
-            let (sender, receiver) = mpsc::sync_channel(super::record::MAX_WAITING_POSES);
+            let (sender, receiver) = mpsc::sync_channel(super::record_file::MAX_WAITING_POSES);
             (recorded_poses, plan.poses) = (Some(sender), Some(receiver));
         }
         let supervisor = Arc::new(Self {
@@ -146,7 +151,7 @@ impl SensorSupervisor {
     }
 
     fn run(&self, mut plan: SupervisorPlan) -> Result<()> {
-        let Some(sensor) = self.wait_for_sensor(&plan.sensor) else { return Ok(()) };
+        let Some(sensor) = self.retry_until(|| (plan.choose_sensor)(), "no sensor yet") else { return Ok(()) };
         sensor.print()?;
         let reconstruction = self.begin(&sensor)?;
         let sweeps_per_frame = u64::from(sensor.config()?.sweeps_per_frame);
@@ -198,11 +203,7 @@ impl SensorSupervisor {
         Ok(self.reconstruction.get_or_init(|| reconstruction))
     }
 
-    fn wait_for_sensor(&self, arguments: &SensorArguments) -> Option<ChosenSensor> {
-        self.retry_until(|| arguments.choose(), "no sensor yet")
-    }
-
-    fn open(&self, sensor: &ChosenSensor) -> Option<crate::live::SensorStream> {
+    fn open(&self, sensor: &ChosenSensor) -> Option<super::SensorStream> {
         self.retry_until(|| sensor.open(), "the sensor's line does not open yet")
     }
 

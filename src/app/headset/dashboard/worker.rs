@@ -16,7 +16,7 @@ use egui::{Event, Modifiers, PointerButton, RawInput, Rect, pos2, vec2};
 
 use super::facts::{Facts, Rates, view};
 use super::{Picture, PreparedPicture, WorkerInput};
-use crate::live::{Reconstruction, SettingChange, SettingsStore, now_ns};
+use crate::app::{SensorSupervisor, SettingChange, SettingsStore, now_ns};
 use crate::openvr::TabEvent;
 use crate::panel;
 use crate::panel::{Notice, PanelActions, PanelView};
@@ -41,7 +41,7 @@ const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// Sources of the panel's content and target of its changes.
 pub(in super::super) struct PanelSources<'a> {
     pub store: &'a SettingsStore,
-    pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
+    pub supervisor: &'a SensorSupervisor,
 }
 
 /// State of the worker.
@@ -190,7 +190,7 @@ impl PanelWorker {
             None => (Arc::clone(&newest), toml::Table::try_from(&*newest).unwrap_or_default()),
         };
         let facts = self.facts.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let reconstruction = (sources.reconstruction)();
+        let reconstruction = sources.supervisor.reconstruction();
         let trouble = sources.store.trouble();
         let view = view(now_ns, &facts, &settings, trouble, reconstruction, &mut self.rates);
         self.settings = Some(settings);

@@ -1,25 +1,41 @@
-//! Everything with threads and clocks: the sensor's reader thread, the host's clock, pose files
-//! that grow, the reconstruction's thread, the frame loop with SteamVR, and sounds.
+//! The composition root: everything with threads and clocks. A session with SteamVR joins the
+//! sensor's threads, the reconstruction's thread, the frame loop, the dashboard, the settings file,
+//! the saved map, the desktop view and the recording.
 
+mod board_report;
 mod core_wait;
 mod event_merger;
+mod folders;
+mod frame_intake;
 mod frame_loss;
 mod headset;
 mod host_clock;
+mod instance;
 mod latency;
 mod latency_tracker;
 mod pose_tail;
 mod priority;
+pub mod progress;
 mod queue;
 mod reconstruction;
+mod record_file;
+mod registration;
 mod sensor;
+mod sensor_supervisor;
+mod session;
+mod session_report;
+mod session_view;
 mod settings_store;
 mod sound;
+mod stop;
 #[cfg(all(test, unix))]
 mod test_board;
 
+pub use board_report::{config_table, counter_lines, line_speed, preset_table, verdict};
 pub use core_wait::CoreWait;
 pub use event_merger::{EventMerger, MAX_WAITING};
+pub use folders::user_folder;
+pub use frame_intake::{ChosenSensor, FrameIntake, Until};
 pub use frame_loss::FrameLossCounter;
 pub use headset::{
     Ending, EventSink, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, MapStore,
@@ -33,5 +49,10 @@ pub use queue::{Dropped, Received};
 pub use reconstruction::{
     PublishedMap, Reconstruction, ReconstructionCounters, ReconstructionError, ReconstructionOptions,
 };
+pub use record_file::{MAX_WAITING_POSES, PoseSource, RecordFile};
+pub use registration::{own_path, registration_trouble};
 pub use sensor::{SensorStream, StreamCounters, StreamError, StreamEvent, StreamOptions};
+pub use sensor_supervisor::{ChooseSensor, SensorSupervisor, SupervisorPlan};
+pub use session::SessionOptions;
 pub use settings_store::{Compose, OnNew, SettingChange, SettingsStore, SettingsWatcher};
+pub use stop::stop_flag;

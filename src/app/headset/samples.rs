@@ -1,7 +1,7 @@
 //! Samples poses: for the radar the current head pose with its time, not the one predicted for
 //! display; for the warnings the wearer as predicted for display.
 
-use crate::live::now_ns;
+use crate::app::now_ns;
 use crate::openvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
 use crate::warning::Wearer;
 use radar_mapping::HandsSample;

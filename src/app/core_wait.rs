@@ -41,7 +41,7 @@ fn waited_ns(_schedstat: &File) -> Option<i64> {
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
-    use crate::live::{now_ns, thread_cpu_ns};
+    use crate::app::{now_ns, thread_cpu_ns};
 
     #[test]
     fn core_wait_counts_contention_and_not_sleep() {

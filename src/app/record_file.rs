@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use crate::live::{EventMerger, PoseTail, now_ns};
+use super::{EventMerger, PoseTail, now_ns};
 use a121::SensorConfig;
 use a121::{SetupReply, SystemInfo};
 use radar_mapping::Event;
@@ -23,8 +23,11 @@ const FLUSH_NS: i64 = 1_000_000_000;
 /// Poses farther from now than this use another clock, nanoseconds. Choice.
 const MAX_CLOCK_DIFFERENCE_NS: i64 = 10_000_000_000;
 
+/// Bound of the poses of headset and hands that wait to be written: about four seconds. Choice.
+pub const MAX_WAITING_POSES: usize = 1536;
+
 /// Source of the poses.
-pub(super) enum PoseSource {
+pub enum PoseSource {
     /// None.
     None,
     /// A file that another program writes.
@@ -34,7 +37,7 @@ pub(super) enum PoseSource {
 }
 
 /// The recording, once there is one, and its inputs.
-pub(super) struct RecordFile {
+pub struct RecordFile {
     path: PathBuf,
     writer: Option<RecordingWriter>,
     sensor: Option<SensorMetadata>,
@@ -47,6 +50,7 @@ pub(super) struct RecordFile {
 }
 
 impl RecordFile {
+    /// A recording to be written there; the file is created by [`begin`](Self::begin).
     pub fn new(path: &Path, poses: PoseSource) -> Self {
         let now_ns = now_ns();
         let hold_ns = if let PoseSource::None = poses { 0 } else { POSE_WAIT.as_nanos() as i64 };
@@ -108,6 +112,7 @@ impl RecordFile {
         self.writer.is_some()
     }
 
+    /// Takes an event of any stream.
     pub fn push(&mut self, event: Event) {
         self.merge.push(event);
     }

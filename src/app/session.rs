@@ -1,0 +1,280 @@
+//! Sessions with SteamVR: connects, starts the sensor's thread and the frame loop, and reports.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
+
+use anyhow::{Result, anyhow, bail};
+use radar_recording::MapFolder;
+
+use super::folders::user_folder;
+use super::instance::Instance;
+use super::registration::check_registration;
+use super::sensor_supervisor::{ChooseSensor, SensorSupervisor, SupervisorPlan};
+use super::session_report::{SessionReport, print_report};
+use super::session_view;
+use super::stop::stop_flag;
+use super::{Ending, FrameLoop, HeadsetError, HeadsetReport, MapStore, RetainedGraphics, SettingsStore};
+use crate::openvr::{Chaperone, OpenVrError, Role, Runtime, RuntimePaths};
+use crate::settings::Settings;
+use crate::viewer::Recorder;
+
+/// Interval of checks for SteamVR. Choice.
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
+/// Reaction time to a stop while waiting. Choice.
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Longest wait for a board to stop when nothing is recorded. Choice.
+const MAX_STOP: Duration = Duration::from_millis(600);
+/// Longest wait for the end of a recording. Choice.
+const MAX_RECORDING_STOP: Duration = Duration::from_secs(40);
+
+/// What a run with SteamVR does.
+pub struct SessionOptions {
+    /// Waits for SteamVR if it does not run yet, and again after it has ended.
+    pub wait: bool,
+    /// Records frames and poses into this file.
+    pub record: Option<PathBuf>,
+    /// Writes counters and costs when it ends.
+    pub report: Option<PathBuf>,
+    /// Removes the saved maps of the rooms in which it runs.
+    pub forget: bool,
+    /// Shows the map in a window on the desktop.
+    pub view: bool,
+    /// Settings file that is followed while it runs; it need not exist.
+    pub settings_file: Option<PathBuf>,
+    /// Settings that override the file, as `name=value`.
+    pub overrides: Vec<String>,
+    /// Finds the sensor.
+    pub choose_sensor: ChooseSensor,
+}
+
+impl SessionOptions {
+    /// Runs sessions until asked to stop, or until SteamVR ends.
+    ///
+    /// # Errors
+    /// Another instance runs, SteamVR is missing or was lost, or a session fails.
+    pub fn run(&self) -> Result<()> {
+        let _instance = Instance::claim()?;
+        let stop = stop_flag()?;
+        match self.view {
+            true => session_view::show(&stop, |recorder| self.sessions(&stop, Some(&recorder))),
+            false => self.sessions(&stop, None),
+        }
+    }
+
+    /// Runs sessions until the end.
+    fn sessions(&self, stop: &AtomicBool, view: Option<&Recorder>) -> Result<()> {
+        let folder = user_folder("XDG_DATA_HOME", ".local/share").map(|folder| MapFolder::new(folder.join("maps")));
+        let maps = folder.map(|folder| MapStore::new(folder, self.forget));
+        loop {
+            let Some(runtime) = self.connect(stop)? else { return Ok(()) };
+            let ending = self.run_session(runtime, stop, view, maps.as_ref())?;
+            // A recording covers one session.
+            let is_again = self.wait && self.record.is_none() && ending != Ending::Asked;
+            match ending {
+                _ if is_again => outln!("SteamVR has ended: waiting for it")?,
+                Ending::SteamVrGone => bail!("SteamVR exited unexpectedly: it was killed or has crashed"),
+                Ending::SteamVrQuit => return outln!("SteamVR has ended"),
+                Ending::Asked => return Ok(()),
+            }
+        }
+    }
+
+    /// Connects to SteamVR; `None`: asked to stop while waiting. Never starts SteamVR, which a
+    /// session that draws would do.
+    fn connect(&self, stop: &AtomicBool) -> Result<Option<Runtime>> {
+        let mut told = None;
+        while !stop.load(Ordering::Relaxed) {
+            let place = RuntimePaths::find()?;
+            let there = Runtime::start(&place, Role::Background).map(drop);
+            match there.and_then(|()| Runtime::start(&place, Role::Overlay)) {
+                Ok(runtime) => return Ok(Some(runtime)),
+                Err(error) if !(self.wait && is_transient(&error)) => return Err(error.into()),
+                Err(error) if told.as_ref() != Some(&error) => {
+                    outln!("Waiting for SteamVR: {error}")?;
+                    told = Some(error);
+                }
+                Err(_) => {}
+            }
+            let mut waited = Duration::ZERO;
+            while waited < RETRY_INTERVAL && !stop.load(Ordering::Relaxed) {
+                std::thread::sleep(STOP_POLL_INTERVAL);
+                waited += STOP_POLL_INTERVAL;
+            }
+        }
+        Ok(None)
+    }
+
+    /// Runs one session. Order of the shutdown: overlays, session, graphics, sensor.
+    fn run_session(
+        &self,
+        runtime: Runtime,
+        stop: &AtomicBool,
+        view: Option<&Recorder>,
+        maps: Option<&MapStore>,
+    ) -> Result<Ending> {
+        outln!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
+        check_registration(&runtime);
+        let runtime = Arc::new(runtime);
+        let compose = |text: &str, changes: &[String]| compose(&runtime.chaperone(), text, changes);
+        let (store, work) =
+            SettingsStore::new(self.settings_file.clone(), &self.overrides, &compose).map_err(|why| anyhow!(why))?;
+        if store.newest().tracking.mount.is_none() {
+            log::warn!(
+                "no mount is given: the sensor is assumed at the head's origin, between the eyes, and obstacles are displaced by any \
+                 difference. Give --mount x,y,z, or tracking.mount in the settings"
+            );
+        }
+        let plan = SupervisorPlan::new(Arc::clone(&self.choose_sensor), self.record.clone());
+        let (supervisor, is_over) = SensorSupervisor::start(plan, &store.newest())?;
+        let on_new = |before: &Settings, new: &Settings| apply_settings(&supervisor, before, new);
+        let no_more = AtomicBool::new(false);
+        let done = std::thread::scope(|scope| {
+            let _end = EndGuard(&store, &no_more);
+            let (store, supervisor, is_over) = (&store, &supervisor, &no_more);
+            scope.spawn(move || work.run(store, &compose, &on_new));
+            if let Some(view) = view {
+                scope.spawn(move || session_view::update_view(view, supervisor, store, is_over));
+            }
+            self.draw(&runtime, supervisor, store, stop, maps)
+        });
+        supervisor.stop.store(true, Ordering::Relaxed);
+        // The session ends before the graphics that it may still copy from are dropped.
+        drop(runtime);
+        let (report, drawn) = done?;
+        drop(drawn);
+        self.end(&supervisor, &is_over, report)
+    }
+
+    fn draw(
+        &self,
+        runtime: &Arc<Runtime>,
+        supervisor: &SensorSupervisor,
+        settings: &SettingsStore,
+        stop: &AtomicBool,
+        maps: Option<&MapStore>,
+    ) -> Result<(HeadsetReport, RetainedGraphics), HeadsetError> {
+        let with = FrameLoop { runtime, supervisor, maps, settings, stop };
+        with.run()
+    }
+
+    /// Stops the sensor and reports.
+    fn end(
+        &self,
+        supervisor: &SensorSupervisor,
+        is_over: &Receiver<Result<()>>,
+        done: HeadsetReport,
+    ) -> Result<Ending> {
+        let patience = if self.record.is_some() { MAX_RECORDING_STOP } else { MAX_STOP };
+        let supervised = match is_over.recv_timeout(patience) {
+            Ok(supervised) => supervised,
+            Err(_) => {
+                log::warn!("the sensor does not stop and is abandoned");
+                Ok(())
+            }
+        };
+        let report = SessionReport::new(&done, supervisor.reconstruction());
+        print_report(&report)?;
+        if let Some(path) = &self.report {
+            report.write(path)?;
+        }
+        supervised.map(|()| done.ending)
+    }
+}
+
+/// Ends the helper threads when the session ends for any reason.
+struct EndGuard<'d>(&'d SettingsStore, &'d AtomicBool);
+
+impl Drop for EndGuard<'_> {
+    fn drop(&mut self) {
+        self.0.end();
+        self.1.store(true, Ordering::Relaxed);
+    }
+}
+
+/// The user's settings over those of SteamVR's chaperone.
+fn compose(chaperone: &Chaperone, text: &str, changes: &[String]) -> Result<Settings, String> {
+    let own = Settings::from_toml(text, changes).map_err(|error| error.to_string())?;
+    match own.headset.follow_chaperone {
+        true => {
+            Settings::from_layers(chaperone_settings(chaperone, &own), text, changes).map_err(|error| error.to_string())
+        }
+        false => Ok(own),
+    }
+}
+
+/// Applies changed settings where they are not read every frame.
+fn apply_settings(supervisor: &SensorSupervisor, before: &Settings, new: &Settings) {
+    let searched = |settings: &Settings| {
+        let Settings { radar, tracking, processing, rooms, reflectors, .. } = settings.clone();
+        Settings { radar, tracking, processing, rooms, reflectors, ..Settings::default() }
+    };
+    if searched(before) != searched(new) {
+        log::info!("settings of the mapper have changed: it restarts from the saved map of the room");
+        supervisor.restart_with(new);
+    }
+    let fixed = |settings: &Settings| (settings.headset.poses_hz, settings.headset.threads);
+    if fixed(before) != fixed(new) {
+        log::warn!("headset.poses_hz and headset.threads apply at the next start");
+    }
+}
+
+/// Default fade distance of SteamVR's chaperone, metres.
+const CHAPERONE_FADE_M: f64 = 0.7;
+/// A smaller fade distance of the chaperone does not reduce the warnings' below this, metres.
+/// Choice: a walker at 1.2 m/s covers half of it before the next foot is down.
+const MIN_FADE_M: f64 = 1.2;
+/// A larger one does not increase it beyond this, metres. Choice: the range of the map.
+const MAX_FADE_M: f64 = 3.0;
+
+/// SteamVR's chaperone as settings. Its fade distance starts at its bounds, which are drawn inside
+/// of the furniture; a warning's starts at the furniture itself. So it scales ours, by the user's
+/// change of its default, within safe limits.
+fn chaperone_settings(chaperone: &Chaperone, own: &Settings) -> toml::Table {
+    let mut warning = toml::Table::new();
+    if let Some(color) = chaperone.color {
+        warning.insert("color".into(), color.map(i64::from).to_vec().into());
+    }
+    if let Some(fade_m) = chaperone.fade_distance_m {
+        let least_m = own.warning.fade_distance_m.min(MIN_FADE_M);
+        let fade_m = (own.warning.fade_distance_m * fade_m / CHAPERONE_FADE_M)
+            .max(least_m)
+            .min(MAX_FADE_M.max(own.warning.fade_distance_m));
+        warning.insert("fade_distance_m".into(), fade_m.into());
+        warning.insert("full_distance_m".into(), own.warning.full_distance_m.min(fade_m / 2.0).into());
+    }
+    if let Some([x, z]) = chaperone.play_area_m {
+        warning.insert("play_area_m".into(), vec![x, z].into());
+    }
+    toml::Table::from_iter([("warning".to_owned(), warning.into())])
+}
+
+/// Whether waiting may help.
+fn is_transient(error: &OpenVrError) -> bool {
+    matches!(error, OpenVrError::NotRunning | OpenVrError::NoHeadset | OpenVrError::Refused { .. })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fade_m(chaperone_m: Option<f64>, own: &Settings) -> Option<f64> {
+        let chaperone = Chaperone { fade_distance_m: chaperone_m, ..Default::default() };
+        let table = chaperone_settings(&chaperone, own);
+        table["warning"].get("fade_distance_m").and_then(toml::Value::as_float)
+    }
+
+    #[test]
+    fn chaperone_fade_distance_scales_ours_within_limits() {
+        let own = Settings::default();
+        assert_eq!(fade_m(None, &own), None);
+        assert!((fade_m(Some(0.7), &own).unwrap() - 1.5).abs() < 1e-9, "SteamVR's default changes nothing");
+        assert!((fade_m(Some(1.0), &own).unwrap() - 1.5 / 0.7).abs() < 1e-9);
+        assert_eq!((fade_m(Some(0.1), &own), fade_m(Some(9.0), &own)), (Some(1.2), Some(3.0)));
+        let mut near = Settings::default();
+        near.warning.fade_distance_m = 0.9;
+        assert_eq!(fade_m(Some(0.1), &near), Some(0.9), "who has set less wants less");
+    }
+}
