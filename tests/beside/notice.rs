@@ -13,12 +13,7 @@ fn notices(shot: &Value) -> usize {
 
 /// Takes shots until the notice is shown or hidden.
 fn wait_notice(rig: &Rig, what: &str, wanted: usize) -> Value {
-    let number = std::cell::Cell::new(0);
-    rig.wait_for(what, || {
-        number.set(number.get() + 1);
-        let shot = rig.shoot(&format!("{}{}", what.replace(' ', "_"), number.get()));
-        (notices(&shot) == wanted).then_some(shot)
-    })
+    rig.wait_shot(what, |shot| notices(shot) == wanted)
 }
 
 fn streaming(rig: &Rig, more: &[&str]) -> Program {
@@ -41,8 +36,8 @@ fn silent_or_unplugged_radar_is_reported_in_the_headset() {
     wait_notice(&rig, "silent", 1);
     assert!(!program.err().contains("connection is lost"), "the sensor is connected");
     rig.hold_sensor(false);
-    says(&rig, "notice in the headset: The radar measures");
-    wait_notice(&rig, "nothing more", 0);
+    says(&rig, "notice in the headset: The radar works again");
+    wait_notice(&rig, "no_notice", 0);
     rig.unplug_sensor();
     says(&rig, "notice in the headset: Radar lost");
     wait_notice(&rig, "unplugged", 1);

@@ -222,6 +222,15 @@ impl Rig {
         self.wait_for("the picture", || serde_json::from_slice(&fs::read(&path).ok()?).ok())
     }
 
+    /// Takes shots until one is as wanted.
+    pub fn wait_shot(&self, name: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+        let number = std::cell::Cell::new(0);
+        self.wait_for(name, || {
+            number.set(number.get() + 1);
+            Some(self.shoot(&format!("{name}{}", number.get()))).filter(&is_wanted)
+        })
+    }
+
     pub fn wait_for<T>(&self, what: &str, there: impl Fn() -> Option<T>) -> T {
         let begin = Instant::now();
         loop {
