@@ -42,7 +42,7 @@ pub struct ReconstructionOptions {
     /// Bound of waiting poses; as for frames.
     pub max_poses: usize,
     /// Upper limit of how long after a sweep its poses may arrive, seconds; see
-    /// [`HistorySettings::max_ahead_s`](crate::tracking::HistorySettings::max_ahead_s).
+    /// [`HistorySettings::max_ahead_s`](radar_sar::HistorySettings::max_ahead_s).
     pub max_ahead_s: f64,
 }
 
