@@ -8,6 +8,7 @@ use clap::Args;
 
 use super::board::BoardArguments;
 use super::doctor_steamvr::check_steamvr;
+use super::findings::Findings;
 use crate::app::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
 use crate::app::{counter_lines, line_speed, preset_table};
 use a121::find::{Candidate, discover, list_ports};
@@ -31,27 +32,6 @@ const MAX_P99_S: f64 = 5e-3;
 pub(super) struct Doctor {
     #[command(flatten)]
     board: BoardArguments,
-}
-
-/// Prints each finding and counts those to be fixed.
-#[derive(Default)]
-pub(super) struct Findings {
-    to_fix: u32,
-}
-
-impl Findings {
-    pub fn ok(&self, what: &str, text: &str) -> Result<()> {
-        outln!("ok       {what:<12} {text}")
-    }
-
-    pub fn warn(&self, what: &str, text: &str) -> Result<()> {
-        outln!("warning  {what:<12} {text}")
-    }
-
-    pub fn fix(&mut self, what: &str, text: &str) -> Result<()> {
-        self.to_fix += 1;
-        outln!("fix      {what:<12} {text}")
-    }
 }
 
 /// What the board reported up to its first frames.

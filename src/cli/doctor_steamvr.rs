@@ -3,7 +3,7 @@
 
 use anyhow::Result;
 
-use super::doctor::Findings;
+use super::findings::Findings;
 use crate::app::registration_trouble;
 use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Universe};
 

@@ -6,6 +6,7 @@ mod demo;
 mod doctor;
 mod doctor_steamvr;
 mod files;
+mod findings;
 mod import;
 mod info;
 mod install;

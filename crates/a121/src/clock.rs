@@ -25,6 +25,7 @@
 
 use std::collections::VecDeque;
 
+use super::concave::{maximise_concave, ternary_search};
 use super::tick_dequantiser::{FrameNumber, TickDequantiser};
 
 /// Arrivals are kept this long, seconds. Choice.
@@ -376,22 +377,6 @@ fn mean_delay_s(mut delays_s: Vec<f64>) -> f64 {
     let enough = count >= MIN_BINS_FOR_OUTLIERS;
     let most_s = if enough { (OUTLIER_MEDIANS * *median_s).max(MIN_LATENESS_S) } else { f64::INFINITY };
     delays_s.iter().map(|delay_s| delay_s.min(most_s)).sum::<f64>() / delays_s.len() as f64
-}
-
-/// Maximises a concave function by ternary search.
-pub(super) fn maximise_concave(value: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {
-    ternary_search(value, low, high, 50)
-}
-
-fn ternary_search(value: impl Fn(f64) -> f64, mut low: f64, mut high: f64, rounds: usize) -> f64 {
-    for _ in 0..rounds {
-        let third = (high - low) / 3.0;
-        match value(low + third) < value(high - third) {
-            true => low += third,
-            false => high -= third,
-        }
-    }
-    0.5 * (low + high)
 }
 
 #[cfg(test)]

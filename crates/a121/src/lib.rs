@@ -13,6 +13,7 @@ mod clock;
 #[cfg(test)]
 mod clock_simulation;
 mod command;
+mod concave;
 mod config;
 #[cfg(any(test, feature = "simulated-board"))]
 pub mod device;

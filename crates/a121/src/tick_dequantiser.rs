@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use super::clock::maximise_concave;
+use super::concave::maximise_concave;
 
 /// Length of the fit, seconds. Choice.
 const FIT_SPAN_S: f64 = 30.0;

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
-use super::motion::smoothstep;
+use super::smooth::smoothstep;
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 

@@ -18,6 +18,7 @@ mod sampler;
 mod scenario;
 mod scenes;
 mod session;
+mod smooth;
 mod strokes;
 mod tracker;
 mod true_path;

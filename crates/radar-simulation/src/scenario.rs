@@ -18,10 +18,6 @@ use radar_sar::truth::Truth;
 const START_NS: i64 = 1_000_000_000;
 /// Poses start before the first sweep and end after the last one by this time, seconds. Choice.
 pub(super) const POSE_MARGIN_S: f64 = 0.2;
-/// An object is in the beam if its two-way amplitude is at least this, and its distance at most
-/// [`IN_BEAM_M`], metres. Choice.
-pub(super) const IN_BEAM_AMPLITUDE: f64 = 0.25;
-pub(super) const IN_BEAM_M: f64 = 2.3;
 
 /// Scenario to simulate.
 #[derive(Debug, Clone)]

@@ -10,7 +10,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::Scene;
-use super::motion::{Wander, smoothstep};
+use super::smooth::{Wander, smoothstep};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 

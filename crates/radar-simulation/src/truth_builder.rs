@@ -2,10 +2,14 @@
 //! beam.
 
 use super::Room;
-use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::{Truth, TruthObstacle, TruthWall};
+
+/// An object is in the beam if its two-way amplitude is at least this, and its distance at most
+/// [`IN_BEAM_M`], metres. Choice.
+pub(super) const IN_BEAM_AMPLITUDE: f64 = 0.25;
+pub(super) const IN_BEAM_M: f64 = 2.3;
 
 /// Time step along the path, seconds. Choice.
 const STEP_S: f64 = 0.02;

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
+use super::lanes::Lanes;
 use crate::Beam;
 use crate::math;
 
@@ -121,6 +122,15 @@ fn cut(beam: &Beam, found: f64, step: f64) -> f64 {
         if beam.amplitude(middle) > 0.0 { inside = middle } else { out = middle }
     }
     inside.min(1.0)
+}
+
+/// The beam's amplitude at a cosine, linear between table entries.
+#[inline(always)]
+pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
+    let at = s.mul(s.add(cos, s.splat(1.0)), s.splat(ENTRIES_PER_COS));
+    let whole = s.floor(at);
+    let (here, next) = s.gather_pairs(&beam.amplitudes, s.to_int(whole));
+    s.mul_add(s.sub(at, whole), s.sub(next, here), here)
 }
 
 #[cfg(test)]

@@ -236,7 +236,7 @@ pub(super) fn bounds<S: Lanes>(
         let turn = s.add(s.div(s.add(radius, radius), s.max(room, s.splat(1e-6))), s.splat(1e-5));
         let cos = s.div(along, s.max(pose_distance, s.splat(1e-6)));
         let best = s.min(s.max(s.add(cos, turn), s.splat(-1.0)), s.splat(1.0));
-        let amplitude = s.mul(super::weighted::amplitude(s, &stack.beam, best), s.splat(1.001));
+        let amplitude = s.mul(super::beam_table::amplitude(s, &stack.beam, best), s.splat(1.001));
         greatest = s.to_int(s.mul_add(s.to_float(greatest), amplitude, s.splat(1.0)));
     }
     s.or_zero_int(some, greatest)

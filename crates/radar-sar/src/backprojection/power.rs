@@ -434,7 +434,7 @@ fn add_edge<S: Lanes>(
         let seen = edges.layer(s, offsets, layer);
         let mut counts = seen.counts;
         if !stack.beam.solid {
-            let amplitude = super::weighted::amplitude(s, &stack.beam, seen.cos(s));
+            let amplitude = super::beam_table::amplitude(s, &stack.beam, seen.cos(s));
             counts = s.and(counts, s.at_most(s.splat(f32::MIN_POSITIVE), amplitude));
         }
         let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));

@@ -6,6 +6,7 @@
 //! table voxel by voxel. Voxels are summed in f32, group by group of sixteen sweeps in order, with
 //! separate sums for the sweeps at an edge.
 
+use super::beam_table::amplitude;
 use super::beam_table::{BeamTable, ENTRIES_PER_COS};
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS, dot, lane3, load3, scale3, sub3};
 use super::dispatch::{Kernel, on_widest};
@@ -32,15 +33,6 @@ const HELD_M: f32 = 5e-3;
 /// [`super::power::power_shape`].
 pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
     BrickShape::new(voxel_m, DISTANCE_ERROR_M)
-}
-
-/// The beam's amplitude at a cosine, linear between table entries.
-#[inline(always)]
-pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
-    let at = s.mul(s.add(cos, s.splat(1.0)), s.splat(ENTRIES_PER_COS));
-    let whole = s.floor(at);
-    let (here, next) = s.gather_pairs(&beam.amplitudes, s.to_int(whole));
-    s.mul_add(s.sub(at, whole), s.sub(next, here), here)
 }
 
 /// The same for separate voxels: by the beam's polynomial where it has one.

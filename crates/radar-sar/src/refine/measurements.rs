@@ -4,7 +4,7 @@
 use glam::{DMat3, DVec3};
 
 use super::path_filter::{PathFilter, Sight};
-use super::phase::Unwrapped;
+use super::unwrapped::Unwrapped;
 use super::{PositionErrors, Prior, direction, outer, regular_inverse};
 use crate::PHASE_RAD_PER_M;
 use crate::math;
@@ -129,14 +129,6 @@ pub(super) fn fit_ranges(all: &[Measured], errors: &PositionErrors) -> Fit {
         squares.extend(filter.update(&expected, &[one.range_off_m], 0));
     }
     Fit::of(&filter, &[1.0], misfit(&squares))
-}
-
-/// A sweep's phase.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Phase {
-    pub variance_m2: f64,
-    /// Not joined to earlier phases: a new offset.
-    pub begins: bool,
 }
 
 /// Fits ranges and phases together, every hypothesis weighted by its likelihood; `None` when the

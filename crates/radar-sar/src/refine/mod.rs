@@ -21,6 +21,7 @@ mod mirror;
 mod pair;
 mod path_filter;
 mod phase;
+mod unwrapped;
 mod wander;
 
 use glam::{DMat3, DVec3};

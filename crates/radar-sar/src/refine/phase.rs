@@ -10,8 +10,9 @@
 use glam::{DMat3, DVec3};
 
 use super::PositionErrors;
-use super::measurements::{Measured, Phase};
+use super::measurements::Measured;
 use super::path_filter::PathFilter;
+use super::unwrapped::{Phase, Unwrapped};
 use crate::WAVELENGTH_M;
 
 /// The phase repeats with this length, metres.
@@ -33,15 +34,6 @@ struct Guess {
     cost: f64,
     /// One length offset per sweep; 0 where it has no phase.
     off_m: Vec<f64>,
-}
-
-/// Unwrapped phases.
-#[derive(Debug, Clone)]
-pub(super) struct Unwrapped {
-    /// One per sweep; `None` where it has no phase.
-    pub phases: Vec<Option<Phase>>,
-    /// Lengths from the phases, one per sweep, for each hypothesis; the likeliest first.
-    pub guesses: Vec<Vec<f64>>,
 }
 
 /// Unwraps the phases of sweeps in time order, given the position relative to the linearisation

@@ -7,7 +7,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::super::Scatterer;
-use super::super::motion::{Wander, smoothstep};
+use super::super::smooth::{Wander, smoothstep};
 use super::Player;
 
 use radar_sar::math;

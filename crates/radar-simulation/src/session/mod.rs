@@ -22,9 +22,10 @@ use rayon::prelude::*;
 
 use super::receiver::MovingScatterer;
 use super::sampler::{Sampler, Surroundings};
-use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M, default_mount, host_ns};
+use super::scenario::{default_mount, host_ns};
 use super::tracker::Tracker;
 use super::truth_builder::TruthBuilder;
+use super::truth_builder::{IN_BEAM_AMPLITUDE, IN_BEAM_M};
 use super::{Room, Scatterer, SceneObject, Simulated, TrackingErrors, WallPanel};
 use a121::{ConfigError, Frame, SensorConfig, frame_timing};
 use radar_sar::Beam;

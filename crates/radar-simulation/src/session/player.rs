@@ -7,7 +7,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::super::Room;
-use super::super::motion::{Wander, smoothstep, turn_between};
+use super::super::motion::turn_between;
+use super::super::smooth::{Wander, smoothstep};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 

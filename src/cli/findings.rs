@@ -1,0 +1,24 @@
+//! What `doctor` found, printed as it is found.
+
+use anyhow::Result;
+
+/// Prints each finding and counts those to be fixed.
+#[derive(Default)]
+pub(super) struct Findings {
+    pub to_fix: u32,
+}
+
+impl Findings {
+    pub fn ok(&self, what: &str, text: &str) -> Result<()> {
+        outln!("ok       {what:<12} {text}")
+    }
+
+    pub fn warn(&self, what: &str, text: &str) -> Result<()> {
+        outln!("warning  {what:<12} {text}")
+    }
+
+    pub fn fix(&mut self, what: &str, text: &str) -> Result<()> {
+        self.to_fix += 1;
+        outln!("fix      {what:<12} {text}")
+    }
+}
