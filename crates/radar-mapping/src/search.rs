@@ -41,7 +41,7 @@ pub(crate) enum Search {
     /// See [`MapperKind::Rooms`].
     Rooms(Box<RoomMapper>),
     /// See [`MapperKind::Reflectors`].
-    Reflectors(ReflectorMapper),
+    Reflectors(Box<ReflectorMapper>),
 }
 
 impl Search {
@@ -52,7 +52,7 @@ impl Search {
         match settings.processing.mode {
             Mode::Rooms => Self::rooms(settings),
             Mode::Auto if is_fast => Self::rooms(settings),
-            Mode::Auto | Mode::Reflectors => Self::Reflectors(ReflectorMapper::new(settings)),
+            Mode::Auto | Mode::Reflectors => Self::Reflectors(Box::new(ReflectorMapper::new(settings))),
         }
     }
 

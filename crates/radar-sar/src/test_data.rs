@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use glam::DVec3;
+
+use crate::math;
 use num_complex::{Complex32, Complex64};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -27,7 +29,8 @@ const NOISE_RMS: f64 = 20.0;
 
 /// A path through all directions around the origin, looking along −z: a Lissajous figure of 30 cm.
 pub fn winding(time_s: f64) -> DVec3 {
-    0.15 * DVec3::new((2.1 * time_s).sin(), (3.4 * time_s).cos(), (2.7 * time_s + 0.5).sin())
+    let [x, y, z] = [math::sin(2.1 * time_s), math::cos(3.4 * time_s), math::sin(2.7 * time_s + 0.5)];
+    0.15 * DVec3::new(x, y, z)
 }
 
 /// A small version of preset d16: 50 points from 0.2 m in steps of 6 cm, 1000 sweeps a second. Each
@@ -55,7 +58,7 @@ pub fn sweeps(duration_s: f64, path: impl Fn(f64) -> DVec3, echoes: &[(Echo, f64
                     Echo::Plane(plane) => plane.distance(from),
                 };
                 let pulse = envelope(geometry.pulse_fwhm_m, geometry.axis.range_m(n) - distance_m);
-                sum += Complex64::from_polar(NOISE_RMS * snr * pulse, PHASE_RAD_PER_M * distance_m);
+                sum += math::from_polar(NOISE_RMS * snr * pulse, PHASE_RAD_PER_M * distance_m);
             }
             Complex32::new(sum.re as f32, sum.im as f32)
         });
