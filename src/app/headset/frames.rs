@@ -1,31 +1,30 @@
 //! The frame loop; see the parent module's documentation.
 
 use crate::app::SensorSupervisor;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use super::anchor::{Anchor, AnchorChange, LeapDetector};
+use super::anchor::{Anchor, AnchorChange};
 use super::cue_output::CueOutput;
 use super::dashboard::{Dashboard, Facts, PanelSources, PanelWorker};
 use super::display::{ShowError, Viewpoint, WarningDisplay};
-use super::graphics::{DrawFaults, Graphics, LostDevices, Retry};
+use super::graphics::{DrawDevice, Graphics, LostDevices};
 use super::map_autosave::{MapAutosave, MapStore};
 use super::meter::{FrameMeter, FrameTimes};
-use super::pose_thread::{RoomFrame, SharedFrame, read_poses};
+use super::pose_thread::{SharedFrame, read_poses};
 use super::runtime_monitor::RuntimeMonitor;
 use super::samples::{HandSampler, poses_now, sample, wearer};
+use super::session_frame::SessionFrame;
 use super::status::{Ending, HeadsetError, HeadsetReport, HeadsetStatus};
 use crate::app::{CoreWait, Reconstruction, SettingsStore, now_ns, thread_cpu_ns};
-use crate::openvr::{DisplayTiming, Hands, Poses, Runtime, RuntimeEvent, Universe};
+use crate::openvr::{DisplayTiming, Hands, Runtime, RuntimeEvent, Universe};
 use crate::render::RenderError;
 use crate::settings::Settings;
 use crate::warning::WarningTracker;
 use radar_mapping::{Event, Scene};
 use radar_sar::geometry::Pose;
 
-/// Interval of checks of the standing universe, nanoseconds; an event triggers one at once. Choice.
-const CHECK_INTERVAL_NS: i64 = 100_000_000;
 /// Longest age of a head pose for drawing, nanoseconds. Choice: panels are fixed in the room.
 const MAX_HEAD_AGE_NS: i64 = 1_000_000_000;
 /// Interval of the shared status, nanoseconds. Choice.
@@ -98,25 +97,15 @@ impl Drop for DoneGuard<'_> {
     }
 }
 
+/// State of the loop: one part for each of its concerns.
 struct LoopState<'s, 'a> {
     with: &'s FrameLoop<'a>,
     dashboard: Dashboard,
-    /// `None` while the device is lost.
-    graphics: Option<Graphics>,
-    retry: Retry,
-    faults: DrawFaults,
-    lost: LostDevices,
+    device: DrawDevice,
     shown: WarningDisplay,
     /// Pictures of the previous display mode.
     released: Vec<Arc<wgpu::Texture>>,
-    shared_frame: &'s SharedFrame,
-    anchor: Option<Anchor>,
-    leap: LeapDetector,
-    /// How often the raw universe has leapt.
-    leaps: u64,
-    /// How often the user requested a map reset.
-    map_resets: u64,
-    checked_ns: i64,
+    frame: SessionFrame<'s>,
     monitor: RuntimeMonitor,
     settings: Arc<Settings>,
     settings_version: u64,
@@ -127,9 +116,20 @@ struct LoopState<'s, 'a> {
     head: Option<(i64, Pose)>,
     scene: PlacedScene,
     cues: CueOutput,
+    status: StatusReport,
+}
+
+/// Status of the loop and when it was last published.
+struct StatusReport {
     meter: FrameMeter,
-    status: HeadsetStatus,
-    status_ns: i64,
+    now: HeadsetStatus,
+    published_ns: i64,
+}
+
+impl StatusReport {
+    fn current(&self, overlays_shown: usize) -> HeadsetStatus {
+        HeadsetStatus { frames: self.meter.report(), overlays_shown, ..self.now }
+    }
 }
 
 impl<'s, 'a> LoopState<'s, 'a> {
@@ -142,21 +142,14 @@ impl<'s, 'a> LoopState<'s, 'a> {
         let mut settings_version = 0;
         let settings = with.settings.newer_than(&mut settings_version).unwrap_or_else(|| with.settings.newest());
         let (dashboard, panel) = Dashboard::new(with.runtime);
+        let (meter, now) = (FrameMeter::new(timing.frame_hz), HeadsetStatus::default());
         let state = Self {
             with,
             dashboard,
-            graphics: Some(graphics),
-            retry: Retry::default(),
-            faults: DrawFaults::default(),
-            lost: LostDevices::default(),
+            device: DrawDevice::new(graphics),
             shown: WarningDisplay::new(with.runtime, &settings)?,
             released: Vec::new(),
-            shared_frame,
-            anchor: None,
-            leap: LeapDetector::default(),
-            leaps: 0,
-            map_resets: 0,
-            checked_ns: i64::MIN,
+            frame: SessionFrame::new(shared_frame),
             monitor: RuntimeMonitor::default(),
             settings,
             settings_version,
@@ -166,9 +159,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
             head: None,
             scene: PlacedScene::default(),
             cues: CueOutput::default(),
-            meter: FrameMeter::new(timing.frame_hz),
-            status: HeadsetStatus::default(),
-            status_ns: 0,
+            status: StatusReport { meter, now, published_ns: 0 },
         };
         Ok((state, panel))
     }
@@ -196,7 +187,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
             self.show(start_ns);
             self.update_dashboard(start_ns);
             let (end_ns, end_waited_ns) = (now_ns(), core_wait.total_ns());
-            self.meter.frame(FrameTimes {
+            self.status.meter.frame(FrameTimes {
                 start_ns,
                 end_ns,
                 cpu_ns: thread_cpu_ns() - cpu_ns,
@@ -225,7 +216,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
                     return true;
                 }
                 RuntimeEvent::UniverseMoved => {
-                    self.checked_ns = i64::MIN;
+                    self.frame.check_soon();
                     // The play area may have changed.
                     self.with.settings.recompose();
                 }
@@ -250,124 +241,63 @@ impl<'s, 'a> LoopState<'s, 'a> {
     }
 
     fn take_poses(&mut self, now_ns: i64) {
-        if now_ns.saturating_sub(self.checked_ns) >= CHECK_INTERVAL_NS {
-            self.checked_ns = now_ns;
-            self.update_anchor();
+        match self.frame.check(self.with.runtime, now_ns) {
+            AnchorChange::Unchanged => {}
+            AnchorChange::Recentred => self.status.now.recentred += 1,
+            AnchorChange::NewUniverse => self.reset_map("the tracking system reports another room"),
         }
         let Some((time_ns, poses)) = poses_now(self.with.runtime, self.hands) else {
-            self.status.poses_untimed += 1;
+            self.status.now.poses_untimed += 1;
             return;
         };
-        self.watch_for_leaps(time_ns, &poses);
-        let Some(anchor) = self.anchor else { return };
+        if self.frame.has_leapt(time_ns, &poses) {
+            self.reset_map("the origin of the tracking system has moved");
+        }
+        let Some(anchor) = self.frame.anchor() else { return };
         if self.settings.headset.poses_hz <= 0.0 {
             self.with.supervisor.push(Event::Pose(sample(time_ns, &poses.head, &anchor.session_from_raw())));
         }
         if let Some(hands) = self.hand_sampler.next(time_ns, &poses, &anchor.session_from_raw()) {
             self.with.supervisor.push(Event::Hands(hands));
         }
-        self.status.is_tracked = poses.head.valid_pose().is_some();
-    }
-
-    /// Checks the standing universe.
-    fn update_anchor(&mut self) {
-        let runtime = self.with.runtime;
-        let Some(standing_from_raw) = runtime.standing_from_raw() else { return };
-        let universe = runtime.universe_id();
-        let Some(anchor) = &mut self.anchor else {
-            let anchor = Anchor::new(standing_from_raw, universe);
-            self.share_frame(&anchor);
-            self.anchor = Some(anchor);
-            return;
-        };
-        let before = anchor.universe();
-        match anchor.update(standing_from_raw, universe) {
-            AnchorChange::Unchanged => {
-                // The room's id may have become known only now.
-                if anchor.universe() != before {
-                    let anchor = *anchor;
-                    self.share_frame(&anchor);
-                }
-            }
-            AnchorChange::Recentred => {
-                self.status.recentred += 1;
-                let anchor = *anchor;
-                self.share_frame(&anchor);
-            }
-            AnchorChange::NewUniverse => {
-                let anchor = *anchor;
-                self.reset_map(&anchor, "the tracking system reports another room");
-            }
-        }
-    }
-
-    fn watch_for_leaps(&mut self, time_ns: i64, poses: &Poses) {
-        match poses.head.valid_pose() {
-            None => self.leap.lost(),
-            Some(head) if self.leap.push(time_ns, head) => {
-                let Some(anchor) = &mut self.anchor else { return };
-                anchor.rebase();
-                let anchor = *anchor;
-                self.leaps += 1;
-                self.reset_map(&anchor, "the origin of the tracking system has moved");
-            }
-            Some(_) => {}
-        }
+        self.status.now.is_tracked = poses.head.valid_pose().is_some();
     }
 
     /// Resets the map: all earlier positions are invalid.
-    fn reset_map(&mut self, anchor: &Anchor, why: &str) {
+    fn reset_map(&mut self, why: &str) {
         log::warn!("{why}: the map is reset");
-        // No pose of the new frame may reach the old map, and none of the old frame the new map:
-        // the pose thread holds this lock until its pose has been pushed.
-        let mut frame = self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut shared = self.frame.lock();
         if let Some(reconstruction) = self.with.supervisor.reconstruction() {
             self.scene.epoch = reconstruction.reset();
         }
-        *frame = Some(self.room_frame(anchor));
-        drop(frame);
+        *shared = self.frame.room_frame();
+        drop(shared);
         self.scene.clear();
-        self.meter.reset_sweep_age();
+        self.status.meter.reset_sweep_age();
         self.head = None;
-        self.status.forgotten += 1;
-    }
-
-    fn share_frame(&self, anchor: &Anchor) {
-        // Written a few times a session; the reader holds it while it reads a pose.
-        let shared = self.room_frame(anchor);
-        *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(shared);
-    }
-
-    fn room_frame(&self, anchor: &Anchor) -> RoomFrame {
-        RoomFrame {
-            session_from_raw: anchor.session_from_raw(),
-            standing_from_raw: anchor.standing_from_raw(),
-            universe: anchor.universe(),
-            leaps: self.leaps,
-            map_resets: self.map_resets,
-        }
+        self.status.now.forgotten += 1;
     }
 
     /// Resets the map if the user requested it in the panel.
     fn reset_map_if_requested(&mut self) {
-        if let Some(anchor) = self.anchor.filter(|_| self.dashboard.take_reset_request()) {
-            self.map_resets += 1;
-            self.reset_map(&anchor, "the panel's button to forget the room was pressed");
+        if self.frame.anchor().is_some() && self.dashboard.take_reset_request() {
+            self.frame.count_map_reset();
+            self.reset_map("the panel's button to forget the room was pressed");
         }
     }
 
     fn show(&mut self, now_ns: i64) {
-        let Some(anchor) = self.anchor else { return };
+        let Some(anchor) = self.frame.anchor() else { return };
         let newest = self.take_scene(&anchor);
         let shown = self.show_warnings(now_ns, &anchor);
         if let Err(error) = shown {
-            self.status.refused += 1;
-            if self.status.refused == 1 {
+            self.status.now.refused += 1;
+            if self.status.now.refused == 1 {
                 log::warn!("{error}");
             }
         }
         if let Some((newest_sweep_ns, sensor_period_ns)) = newest {
-            self.meter.shown(newest_sweep_ns, self::now_ns(), sensor_period_ns);
+            self.status.meter.shown(newest_sweep_ns, self::now_ns(), sensor_period_ns);
         }
     }
 
@@ -388,98 +318,80 @@ impl<'s, 'a> LoopState<'s, 'a> {
         let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < MAX_HEAD_AGE_NS);
         let Some((_, standing_from_head)) = head else { return Ok(self.shown.hide()?) };
         if !self.settings.headset.warnings {
-            self.status.nearest_m = None;
+            self.status.now.nearest_m = None;
             return Ok(self.shown.hide()?);
         }
         let wearer = wearer(now_ns, standing_from_head, &poses, &anchor.raw_from_standing());
         let warnings = self.scene.tracker.warn(&wearer, &self.settings.warning);
         self.cues.output(self.with.runtime, self.hands, &warnings, &wearer, &self.settings);
-        self.status.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
+        self.status.now.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
         if warnings.panels.is_empty() && warnings.footprints.is_empty() {
             return Ok(self.shown.hide()?);
         }
-        self.open_graphics(now_ns);
-        let Some(graphics) = &mut self.graphics else { return Ok(self.shown.hide()?) };
+        self.device.reopen(self.with.runtime, now_ns);
+        let Some(graphics) = self.device.get_mut() else { return Ok(self.shown.hide()?) };
         let from = Viewpoint { standing_from_head, raw_from_standing: anchor.raw_from_standing() };
         let shown = self.shown.show(graphics, &self.scene.tracker, &warnings, &self.settings, &from);
-        self.status.most_picture_bytes = self.status.most_picture_bytes.max(graphics.renderer.texture_bytes());
+        self.status.now.most_picture_bytes = self.status.now.most_picture_bytes.max(graphics.renderer.texture_bytes());
         if let Err(ShowError::Render(error)) = &shown {
             // The shown pictures stay, except on a lost device.
-            return if self.faults.is_lost(now_ns, error) { self.lose_device(error) } else { Ok(()) };
+            return if self.device.is_lost(now_ns, error) { self.lose_device(error) } else { Ok(()) };
         }
-        self.faults.drawn();
-        self.status.pictures += shown?;
+        self.device.drawn();
+        self.status.now.pictures += shown?;
         Ok(())
     }
 
     /// The dashboard's part of a frame.
     fn update_dashboard(&mut self, now_ns: i64) {
         if self.dashboard.needs_graphics() {
-            self.open_graphics(now_ns);
+            self.device.reopen(self.with.runtime, now_ns);
         }
         let facts = Facts {
             standing_from_head: self.head.map(|(_, head)| head),
-            standing_from_session: self.anchor.map(|anchor| anchor.standing_from_session()),
-            is_tracked: self.status.is_tracked,
+            standing_from_session: self.frame.anchor().map(|anchor| anchor.standing_from_session()),
+            is_tracked: self.status.now.is_tracked,
             sensor: self.with.supervisor.sensor_count(),
             is_alive: self.with.supervisor.reconstruction().map(Reconstruction::is_alive),
             may_notify: self.settings.headset.warnings && self.settings.headset.notices,
         };
-        if let Err(error) = self.dashboard.update(now_ns, self.graphics.as_ref(), &facts)
-            && self.faults.is_lost(now_ns, &error)
+        if let Err(error) = self.dashboard.update(now_ns, self.device.get(), &facts)
+            && self.device.is_lost(now_ns, &error)
             && let Err(error) = self.lose_device(&error)
         {
             log::debug!("{error}");
         }
     }
 
-    /// Reopens a lost device when a retry is due.
-    fn open_graphics(&mut self, now_ns: i64) {
-        if self.graphics.is_none() && self.retry.is_due(now_ns) {
-            match Graphics::open(self.with.runtime) {
-                Ok(graphics) => {
-                    log::info!("drawing on {}", graphics.device.name);
-                    self.graphics = Some(graphics);
-                }
-                Err(error) => self.retry.failed(&error),
-            }
-        }
-    }
-
     fn lose_device(&mut self, error: &RenderError) -> Result<(), ShowError> {
         log::warn!("{error}; reopening the graphics device");
-        self.status.devices_lost += 1;
+        self.status.now.devices_lost += 1;
         self.shown.drop_pictures();
         self.dashboard.drop_pictures();
-        if let Some(lost) = self.graphics.take() {
-            self.lost.keep(lost);
-        }
+        self.device.lose();
         Ok(self.shown.hide()?)
     }
 
     fn publish_status(&mut self, now_ns: i64) {
-        if now_ns.saturating_sub(self.status_ns) < STATUS_INTERVAL_NS {
+        if now_ns.saturating_sub(self.status.published_ns) < STATUS_INTERVAL_NS {
             return;
         }
         // A reader that holds the lock gets the next update.
         if let Ok(mut seen) = self.with.supervisor.status.try_lock() {
-            self.status_ns = now_ns;
-            *seen = self.status_now();
+            self.status.published_ns = now_ns;
+            *seen = self.status.current(self.shown.count());
         }
-    }
-
-    fn status_now(&self) -> HeadsetStatus {
-        HeadsetStatus { frames: self.meter.report(), overlays_shown: self.shown.count(), ..self.status }
     }
 
     /// Destroys the overlays now; pictures and device must outlive the session.
     fn end(self) -> (HeadsetStatus, RetainedGraphics) {
-        let status = self.status_now();
-        let Self { mut shown, mut released, dashboard, graphics, lost, .. } = self;
+        let status = self.status.current(self.shown.count());
+        let Self { mut shown, mut released, dashboard, device, .. } = self;
         // A runtime that is gone refuses; there is nothing to hide then.
         let _ = shown.hide();
         released.extend(dashboard.end());
         released.extend(shown.end());
+        let (graphics, lost) = device.end();
         (status, RetainedGraphics { _pictures: released, _graphics: graphics, _lost: lost })
     }
 }

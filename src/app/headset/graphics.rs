@@ -111,6 +111,66 @@ impl LostDevices {
     }
 }
 
+/// The graphics device of a session, which may be lost and opened again.
+pub(super) struct DrawDevice {
+    /// `None` while the device is lost.
+    graphics: Option<Graphics>,
+    retry: Retry,
+    faults: DrawFaults,
+    lost: LostDevices,
+}
+
+impl DrawDevice {
+    pub fn new(graphics: Graphics) -> Self {
+        let (retry, faults, lost) = Default::default();
+        Self { graphics: Some(graphics), retry, faults, lost }
+    }
+
+    pub fn get(&self) -> Option<&Graphics> {
+        self.graphics.as_ref()
+    }
+
+    pub fn get_mut(&mut self) -> Option<&mut Graphics> {
+        self.graphics.as_mut()
+    }
+
+    /// Reopens a lost device when a retry is due.
+    pub fn reopen(&mut self, runtime: &Runtime, now_ns: i64) {
+        if self.graphics.is_none() && self.retry.is_due(now_ns) {
+            match Graphics::open(runtime) {
+                Ok(graphics) => {
+                    log::info!("drawing on {}", graphics.device.name);
+                    self.graphics = Some(graphics);
+                }
+                Err(error) => self.retry.failed(&error),
+            }
+        }
+    }
+
+    /// Records an error of drawing; returns whether the device is lost.
+    pub fn is_lost(&mut self, now_ns: i64, error: &RenderError) -> bool {
+        self.faults.is_lost(now_ns, error)
+    }
+
+    /// Drawing has succeeded.
+    pub fn drawn(&mut self) {
+        self.faults.drawn();
+    }
+
+    /// Closes a lost device. It is kept until the session is over, because the runtime may have
+    /// objects on it.
+    pub fn lose(&mut self) {
+        if let Some(lost) = self.graphics.take() {
+            self.lost.keep(lost);
+        }
+    }
+
+    /// What must outlive the session.
+    pub fn end(self) -> (Option<Graphics>, LostDevices) {
+        (self.graphics, self.lost)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

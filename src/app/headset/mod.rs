@@ -18,6 +18,7 @@ mod overlay_pool;
 mod pose_thread;
 mod runtime_monitor;
 mod samples;
+mod session_frame;
 mod status;
 
 pub use frames::{FrameLoop, RetainedGraphics};
