@@ -1,4 +1,6 @@
 //! IVROverlay: the functions and their checks.
+//!
+//! Longer than other files: it is one table of the interface's functions, in their order.
 
 use std::ffi::{c_char, c_void};
 

@@ -10,6 +10,9 @@
 //!
 //! The caller performs the actions of [`Session::next_action`], passes received bytes to
 //! [`Session::receive`], and calls [`Session::poll`] at [`Session::next_deadline_ns`].
+//!
+//! Longer than other files: the session is one state machine, and each of its states answers to the
+//! same messages and times.
 
 use std::collections::VecDeque;
 

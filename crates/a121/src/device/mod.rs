@@ -9,6 +9,9 @@
 //!
 //! The caller passes bytes from the host to [`Device::receive`] and [`Device::receive_break`],
 //! calls [`Device::poll`] at [`Device::next_ns`], and passes the returned bytes on.
+//!
+//! Longer than other files: the board is one state machine, whose commands, results and faults share
+//! its state.
 
 mod board;
 #[cfg(unix)]

@@ -4,6 +4,8 @@
 //! any processor. Every operation is an IEEE one (fused multiply-add included), so all three give
 //! the same bits. A value of [`Avx512`] or [`Avx2`] is created only after detecting the processor's
 //! features: it is the proof that the instructions may be used.
+//!
+//! Longer than other files: it is one trait with its three implementations.
 
 /// Number of lanes.
 pub(crate) const LANES: usize = 16;

@@ -6,6 +6,8 @@
 //! interpolation of |z|² is then within 0.3 % of its peak (0.1 % for profiles 3 to 5). Integer
 //! statistics (`ls`, `log`) are scaled so that a step of 1 is a small part of the noise. A stack
 //! has slots that can be refilled, so that a window of sweeps can roll.
+//!
+//! Longer than other files: every statistic's tables are written in one pass over a sweep.
 
 use std::sync::Arc;
 

@@ -5,6 +5,9 @@
 //! such sweeps as ten coefficients and evaluated once per brick. Elsewhere A comes from the beam's
 //! table voxel by voxel. Voxels are summed in f32, group by group of sixteen sweeps in order, with
 //! separate sums for the sweeps at an edge.
+//!
+//! Longer than other files: four statistics share the sight of a brick, and are inlined into one kernel
+//! each.
 
 use super::beam_table::amplitude;
 use super::beam_table::{BeamTable, ENTRIES_PER_COS};

@@ -21,6 +21,8 @@
 //! reported within half of that on either side of the interval's middle, which is correct for
 //! targets whose own speed is below it. Motion across the line of sight, or within the interval,
 //! cannot be distinguished from clutter.
+//!
+//! Longer than other files: the projection and its tests of tones share the basis of the clutter.
 
 use glam::DVec3;
 

@@ -6,6 +6,8 @@
 //! ("bumps") with the correlation exp(−Δt²/T²) and the drift's variance. The 1σ of τ therefore
 //! includes what drift can imitate. Where the data cannot distinguish τ from depth, the 1σ stays
 //! near its prior.
+//!
+//! Longer than other files: it is one least-squares problem with all its derivatives.
 
 use std::collections::BTreeMap;
 
