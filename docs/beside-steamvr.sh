@@ -3,7 +3,8 @@
 # the simulated sensor and the fake SteamVR runtime. Takes half a minute.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-cargo build --release --bin radar-chaperone --example standin_runtime --example standin_server
+cargo build --release --bin radar-chaperone
+cargo build --release -p fake-openvr --examples
 cargo build --release -p lab --example steamvr_picture
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait 2>/dev/null || true; rm -rf "$folder"' EXIT
@@ -21,7 +22,7 @@ for display in panels stereo projection; do
         --track-out head.tum --duration-s 30 >/dev/null &
     sensor=$!
     until [ -s head.tum ] && [ -e a121 ]; do sleep 0.1; done
-    "$target/examples/standin_server" --dir $display --track head.tum --config scene.json >/dev/null &
+    "$target/examples/fake_server" --dir $display --track head.tum --config scene.json >/dev/null &
     server=$!
     until [ -e $display/openvrpaths.vrpath ]; do sleep 0.1; done
     VR_PATHREG_OVERRIDE=$folder/$display/openvrpaths.vrpath "$target/radar-chaperone" run --port "$folder/a121" \

@@ -3,7 +3,8 @@
 # simulated sensor and the fake SteamVR runtime. Takes a minute.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-cargo build --release --bin radar-chaperone --example standin_runtime --example standin_server
+cargo build --release --bin radar-chaperone
+cargo build --release -p fake-openvr --examples
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait 2>/dev/null || true; rm -rf "$folder"' EXIT
 target=$PWD/target/release
@@ -19,7 +20,7 @@ JSON
 "$target/radar-chaperone" simulate furnished-room --motion natural --seed 7 --serve pty:"$folder/a121" \
     --track-out head.tum --duration-s 70 >/dev/null &
 until [ -s head.tum ] && [ -e a121 ]; do sleep 0.1; done
-"$target/examples/standin_server" --dir vr --track head.tum --config scene.json >/dev/null &
+"$target/examples/fake_server" --dir vr --track head.tum --config scene.json >/dev/null &
 until [ -e vr/openvrpaths.vrpath ]; do sleep 0.1; done
 VR_PATHREG_OVERRIDE=$folder/vr/openvrpaths.vrpath "$target/radar-chaperone" run --port "$folder/a121" \
     --preset d16 --mount 0,0.03,-0.1 >/dev/null 2>&1 &

@@ -108,10 +108,10 @@ impl Rig {
     }
 
     pub fn start_steamvr_with(&mut self, configuration: &Value, more: &[&str]) {
-        fs::write(self.path("standin.json"), configuration.to_string()).unwrap();
+        fs::write(self.path("fake.json"), configuration.to_string()).unwrap();
         let _ = fs::remove_file(self.path("vr/report.json"));
-        let arguments = [&["--dir", "vr", "--config", "standin.json"], more].concat();
-        let server = examples().join("standin_server");
+        let arguments = [&["--dir", "vr", "--config", "fake.json"], more].concat();
+        let server = examples().join("fake_server");
         assert!(server.is_file(), "{} is not built: cargo test builds it, --test alone does not", server.display());
         self.steamvr = Some(self.spawn(server, &arguments, "steamvr.log"));
         self.wait_for("the fake runtime", || {
@@ -222,8 +222,9 @@ impl Rig {
         self.wait_for("the picture", || serde_json::from_slice(&fs::read(&path).ok()?).ok())
     }
 
-    /// Takes shots until one is as wanted.
+    /// Takes shots until one is as wanted. Commands count only once the program draws frames.
     pub fn wait_shot(&self, name: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+        self.wait_report("frames", |report| report["frames"].as_u64() > Some(0));
         let number = std::cell::Cell::new(0);
         self.wait_for(name, || {
             number.set(number.get() + 1);

@@ -15,7 +15,7 @@
 //!
 //! Furniture is removed as a whole. When an object is removed, its neighbours that were not seen
 //! since then are weakened too. Otherwise the leg of a chair that has been taken away would stay,
-//! since nobody looks at it, and would be warned of for ever.
+//! which is rarely in the beam, and would be warned of for ever.
 //!
 //! An object that is only ever where another one masks its echoes must go as well. Sub-apertures
 //! that have it in their beam, without seeing it by itself, therefore cost a little.
@@ -301,8 +301,8 @@ mod tests {
     #[test]
     fn clutter_at_same_range_does_not_remove_object() {
         // Clutter of ten times its power at the same range.
-        let (seen, drowned) = (response(30.0, 30.0, DVec3::X), response(1.0, 300.0, DVec3::X));
-        let responses: Vec<Response> = [vec![seen; 10], vec![drowned; 30]].concat();
+        let (seen, masked) = (response(30.0, 30.0, DVec3::X), response(1.0, 300.0, DVec3::X));
+        let responses: Vec<Response> = [vec![seen; 10], vec![masked; 30]].concat();
         assert!(outlasts(after(&responses), 1.5), "it leaks a little: {}", after(&responses));
     }
 

@@ -50,7 +50,7 @@ pub struct RoomNoise {
     /// Greatest score of a maximum, of a detection after CLEAN, and of a plane; −∞ without any.
     pub greatest: [f64; 3],
     /// Number of updates with an observation of an obstacle, and of a wall.
-    pub sightings: [u64; 2],
+    pub hits: [u64; 2],
     /// Number of obstacles and of walls confirmed at the end.
     pub confirmed: [usize; 2],
     /// Time played, seconds.
@@ -99,7 +99,7 @@ impl RoomNoise {
             self.greatest[n] = self.greatest[n].max(other.greatest[n]);
         }
         for n in 0..2 {
-            self.sightings[n] += other.sightings[n];
+            self.hits[n] += other.hits[n];
             self.confirmed[n] += other.confirmed[n];
         }
         let (a, b) = (self.evidence, other.evidence);
@@ -249,8 +249,8 @@ impl NoiseSession {
         for (greatest, here) in self.totals.greatest.iter_mut().zip(here) {
             *greatest = greatest.max(here.unwrap_or(f64::NEG_INFINITY));
         }
-        self.totals.sightings[0] += u64::from(*point_hits > 0);
-        self.totals.sightings[1] += u64::from(*wall_hits > 0);
+        self.totals.hits[0] += u64::from(*point_hits > 0);
+        self.totals.hits[1] += u64::from(*wall_hits > 0);
     }
 
     fn noise(self) -> RoomNoise {
@@ -311,7 +311,7 @@ mod tests {
             // More than ten times fewer alarms at a score half a unit higher.
             assert!(noise.candidates[1] * 10 < noise.candidates[0], "{name}: {noise:?}");
             assert!(noise.places[0] > 0 && noise.places[0] < noise.candidates[0], "{name}: {noise:?}");
-            assert_eq!((noise.sightings, noise.confirmed), ([0, 0], [0, 0]), "{name}");
+            assert_eq!((noise.hits, noise.confirmed), ([0, 0], [0, 0]), "{name}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! What the frame loop reports, and what it is told of the sensor.
+//! What the frame loop reports, and what it receives about the sensor.
 
 use super::graphics::GraphicsError;
 use super::meter::FrameReport;

@@ -206,11 +206,11 @@ mod tests {
         let alone = coherence(&first_subaperture(&[(Echo::Point(chair), 0.5)], &[]), chair);
         for snr in [30.0, 1000.0] {
             let both = [(Echo::Point(chair), 0.5), (Echo::Plane(WALL), snr)];
-            let drowned = coherence(&first_subaperture(&both, &[]), chair);
+            let masked = coherence(&first_subaperture(&both, &[]), chair);
             // The wall is known to within a few centimetres.
             let known = Plane { offset_m: WALL.offset_m - 0.023, ..WALL };
             let cleaned = coherence(&first_subaperture(&both, &[known]), chair);
-            assert!(cleaned > 0.7 * alone && drowned < 0.3 * alone, "{drowned} {cleaned} {alone} at {snr}");
+            assert!(cleaned > 0.7 * alone && masked < 0.3 * alone, "{masked} {cleaned} {alone} at {snr}");
         }
     }
 

@@ -28,7 +28,7 @@ impl Paths {
 
     /// The configuration.
     pub fn config(&self) -> PathBuf {
-        self.runtime.join("standin.json")
+        self.runtime.join("fake.json")
     }
 
     /// Locked by the server while it runs.

@@ -3,7 +3,7 @@
 //! A program loads it like Valve's library: through the registry file, then `VRClientCoreFactory`.
 //! It simulates a headset on a given path, accepts overlays, checks every call, and renders the
 //! view of each eye on the CPU from the program's textures, alphas, flags and transforms.
-//! `standin_server` creates its folders and acts as SteamVR's server. docs/stand-in.md is the
+//! `fake_server` creates its folders and acts as SteamVR's server. docs/fake-runtime.md is the
 //! manual.
 
 #![cfg(unix)]

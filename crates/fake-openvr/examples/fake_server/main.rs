@@ -1,8 +1,8 @@
-//! Acts as SteamVR's server for the fake client library (`standin_runtime`): creates the folders
+//! Acts as SteamVR's server for the fake client library (`fake_runtime`): creates the folders
 //! through which programs find the library, holds the lock that shows that the server is running,
-//! and asks the programs to quit when it ends. docs/stand-in.md is the manual.
+//! and asks the programs to quit when it ends. docs/fake-runtime.md is the manual.
 //!
-//! Use: `standin_server --dir DIR [--track HEAD.tum] [--controller TRACK.tum]... [--config
+//! Use: `fake_server --dir DIR [--track HEAD.tum] [--controller TRACK.tum]... [--config
 //! FILE.json] [--library PATH] [--autolaunch]`.
 
 #[cfg(unix)]

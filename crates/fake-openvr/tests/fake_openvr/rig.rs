@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-const TEST: &str = "STANDIN_TEST";
-const FOLDER: &str = "STANDIN_FOLDER";
-const SERVER: &str = "STANDIN_SERVER";
+const TEST: &str = "FAKE_TEST";
+const FOLDER: &str = "FAKE_FOLDER";
+const SERVER: &str = "FAKE_SERVER";
 /// Limit of all waits, generous for busy machines.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
@@ -44,7 +44,7 @@ fn example(name: &str) -> PathBuf {
 
 /// An empty folder of that name.
 pub fn folder(name: &str) -> PathBuf {
-    let folder = std::env::temp_dir().join(format!("standin-{}-{}", std::process::id(), name.replace(':', "-")));
+    let folder = std::env::temp_dir().join(format!("fake-{}-{}", std::process::id(), name.replace(':', "-")));
     let _ = std::fs::remove_dir_all(&folder);
     std::fs::create_dir_all(&folder).unwrap();
     folder
@@ -52,7 +52,7 @@ pub fn folder(name: &str) -> PathBuf {
 
 /// The server's command, for a folder.
 pub fn server_command(folder: &Path) -> Command {
-    let mut command = Command::new(example("standin_server"));
+    let mut command = Command::new(example("fake_server"));
     command.arg("--dir").arg(folder);
     command
 }

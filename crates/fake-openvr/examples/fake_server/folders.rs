@@ -51,7 +51,7 @@ impl Folders {
             fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
         }
         link(library, &binaries.join("vrclient.so"))?;
-        fs::write(self.runtime().join("standin.json"), serde_json::to_vec_pretty(config)?)?;
+        fs::write(self.runtime().join("fake.json"), serde_json::to_vec_pretty(config)?)?;
         self.remove_temporary()?;
         let registry = json!({
             "config": [self.root.join("config")],

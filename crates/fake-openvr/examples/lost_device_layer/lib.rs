@@ -5,7 +5,7 @@
 //! device answers submissions, waits and status queries with VK_ERROR_DEVICE_LOST permanently.
 //! Devices created later work until the content of the file changes. Before the first such answer,
 //! the layer waits for the driver, so that nothing of a lost device is still running when the
-//! program frees it. docs/stand-in.md describes its use.
+//! program frees it. docs/fake-runtime.md describes its use.
 //!
 //! Reference for layers and for the loader's structures: "Layer Interface to the Loader" of the
 //! Vulkan loader (`vk_layer.h`), for which no other Rust binding exists.

@@ -36,7 +36,7 @@ fn poses_match_the_track_at_the_requested_time() {
     let config = json!({ "files": { "head.tum": track }, "track": "head.tum" });
     alone("universes::poses_match_the_track_at_the_requested_time", &config, |rig| {
         let runtime = Runtime::connected();
-        let given = crate::rig::read_json(&rig.folder.join("runtime/standin.json"));
+        let given = crate::rig::read_json(&rig.folder.join("runtime/fake.json"));
         let text = std::fs::read_to_string(given["track"].as_str().unwrap()).unwrap();
         let begin_s: f64 = text.split(' ').next().unwrap().parse().unwrap();
         for ahead_s in [0.0f32, 0.1, 5.0] {

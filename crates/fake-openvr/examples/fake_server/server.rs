@@ -67,7 +67,7 @@ pub fn run() -> Result<()> {
 fn library(given: Option<&Path>) -> Result<PathBuf> {
     let path = match given {
         Some(path) => path.to_owned(),
-        None => std::env::current_exe()?.with_file_name("libstandin_runtime.so"),
+        None => std::env::current_exe()?.with_file_name("libfake_runtime.so"),
     };
     path.canonicalize().with_context(|| format!("no client library at {}", path.display()))
 }

@@ -219,7 +219,7 @@ unsafe extern "C" fn u64_property(device: u32, asked: u32, error: *mut u32) -> u
 unsafe extern "C" fn string_property(device: u32, asked: u32, value: *mut c_char, room: u32, error: *mut u32) -> u32 {
     let needed = property("GetStringTrackedDeviceProperty", device, error, |_| {
         let known = match asked {
-            sys::ETrackedDeviceProperty_Prop_TrackingSystemName_String => "standin",
+            sys::ETrackedDeviceProperty_Prop_TrackingSystemName_String => "fake",
             sys::ETrackedDeviceProperty_Prop_ManufacturerName_String => "Fake",
             sys::ETrackedDeviceProperty_Prop_ModelNumber_String if device == 0 => "Fake headset",
             sys::ETrackedDeviceProperty_Prop_ModelNumber_String => "Fake controller",
@@ -327,7 +327,7 @@ unsafe extern "C" fn acknowledge_quit() {
 }
 
 unsafe extern "C" fn runtime_version() -> *mut c_char {
-    call("GetRuntimeVersion", 0, |_| text(c"2.15.6-standin"))
+    call("GetRuntimeVersion", 0, |_| text(c"2.15.6-fake"))
 }
 
 /// Records the SDK version of the client.

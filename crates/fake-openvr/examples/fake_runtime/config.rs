@@ -1,4 +1,4 @@
-//! The configuration, `standin.json`. Every entry has a default; unknown names are rejected.
+//! The configuration, `fake.json`. Every entry has a default; unknown names are rejected.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
