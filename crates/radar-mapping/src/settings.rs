@@ -116,7 +116,7 @@ pub struct ProcessingSettings {
     pub region: Option<Aabb>,
 }
 
-/// What a [`Pipeline`](super::Pipeline) works by.
+/// What a [`Mapper`](super::Mapper) works by.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MappingSettings {
     /// The sensor.
