@@ -3,8 +3,8 @@
 //!     cargo run --release -p radar-mapping --example map -- [SCENE] [SECONDS]
 //!
 //! SCENE is one of `radar_simulation::SCENES`, by default furnished-room, with natural motion of
-//! the head for 30 s and preset d16. To map a recording instead, push its events: see the crate
-//! radar-recording.
+//! the head for 30 s and preset d16. The example map_recording of the crate radar-recording does
+//! the same with a recording.
 
 use a121::preset;
 use radar_mapping::{Mapper, MappingSettings, in_time_order};
