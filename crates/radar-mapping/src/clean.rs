@@ -32,7 +32,6 @@ use radar_sar::Beam;
 use radar_sar::geometry::Plane;
 use radar_sar::math;
 use radar_sar::subaperture::{Subaperture, SubapertureSettings};
-pub use scoring::ROBUST_SEGMENT_NS;
 use scoring::{Score, WeightedResponse, amplitude_spread_of, robust_score};
 
 /// Parameters of CLEAN.
@@ -105,7 +104,7 @@ pub struct Detection<T> {
     /// For a point: 1σ, all directions together, from ranges and directions, metres. For a plane:
     /// 1σ of its position 1 m beside where it was seen, metres.
     pub sigma_m: f64,
-    /// The score without the best [`ROBUST_SEGMENT_NS`] of the window. An object that is present for
+    /// The score without the best `ROBUST_SEGMENT_NS` of the window. An object that is present for
     /// longer than a passing hand, or than an artefact of one movement, keeps most of its score.
     pub robust_score: f64,
     /// Mean of the logarithm of the clutter at its range, relative to noise, over the significant
@@ -197,6 +196,7 @@ impl<'a> CleanWindow<'a> {
     }
 
     /// Detects points alone.
+    #[cfg(test)]
     pub fn detect_points(&mut self, candidates: &[DVec3]) -> Vec<Detection<DVec3>> {
         self.detect(&[], candidates).places
     }

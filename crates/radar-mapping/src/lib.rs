@@ -1,7 +1,58 @@
-//! Detection and mapping of a room: obstacles with position, covariance and extent, walls as
-//! planes.
+//! Obstacles, walls and moving targets around a moving radar: frames and poses in, a scene out.
+//!
+//! A [`Mapper`] detects what returns echoes, gives each obstacle a position, a covariance and an
+//! extent, finds walls as planes, follows what moves, and removes what was carried away. It has no
+//! clock, no I/O and no randomness: the same events and settings give the same scene, byte for
+//! byte. It is not a SLAM system: the poses must come from tracking, to about a centimetre. A scene
+//! is no free-space map: what the beam has not seen is missing from it.
+//!
+//! - [`Event`]: a frame of the sensor (crate a121), a pose of the head (crate radar-sar), or the
+//!   positions of the wearer's hands, whose echoes are not obstacles. [`in_time_order`] merges
+//!   streams.
+//! - [`Mapper`]: takes events with [`Mapper::push`] and refuses wrong ones with a [`Refusal`].
+//!   [`MappingSettings`]: what it works by; check external ones with [`MappingSettings::check`].
+//! - [`Scene`]: [`Obstacle`]s, [`Wall`]s, [`MovingTarget`]s. [`SavedMap`]: what a next run starts
+//!   from.
+//! - [`Observer`], [`RoomMapper`], [`find_reflectors`]: the parts of a mapper, usable alone.
+//!   [`synchronisation`]: whether a recording's two streams belong together in time.
+//!
+//! Frames and units: right-handed, +y up, −z forward, metres, as OpenVR. Places are in the tracking
+//! frame unless the name says otherwise; `head_from_sensor` (the mount) maps the sensor's frame to
+//! the head's. Times are nanoseconds of one monotonic clock for all events; a frame's is the end of
+//! its measurement.
+//!
+//! # Example
+//!
+//! A simulated sensor moves in front of a chair:
+//!
+//! ```
+//! use radar_mapping::{Mapper, MappingSettings, in_time_order};
+//! use radar_simulation::Scenario;
+//!
+//! let config = a121::preset("d16").expect("a preset");
+//! let scenario = Scenario::new("chair", "sphere-50cm", config, 4.0, 1);
+//! let simulated = scenario.run()?;
+//!
+//! let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default());
+//! for event in in_time_order(simulated.frames, simulated.poses) {
+//!     mapper.push(event)?;
+//!     if let Some(scene) = mapper.poll_scene() {
+//!         println!("{} obstacles, {} walls", scene.obstacles.len(), scene.walls.len());
+//!     }
+//! }
+//! mapper.finish();
+//!
+//! let scene = mapper.scene();
+//! assert!(!scene.obstacles.is_empty());
+//! for obstacle in &scene.obstacles {
+//!     let points = simulated.truth.obstacles.iter().flat_map(|truth| &truth.points_m);
+//!     let nearest_m = points.map(|point| point.distance(obstacle.position_m)).fold(f64::INFINITY, f64::min);
+//!     assert!(nearest_m < 0.25, "{:?}", obstacle.position_m);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
-#![warn(missing_docs)]
+#![deny(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod classifier;
@@ -31,7 +82,8 @@ mod timestamps;
 mod tracks;
 
 pub use classifier::{FEATURES, HeldOutScore, Model, ModelCard, ModelError, ScoredCandidate, Tree};
-pub use clean::{CleanSettings, CleanWindow, Detection, Detections, ROBUST_SEGMENT_NS};
+pub use clean::{CleanSettings, Detection};
+pub(crate) use clean::{CleanWindow, Detections};
 pub use event::{Event, in_time_order};
 pub use evidence::Evidence;
 pub use existence::ExistenceSettings;
@@ -40,9 +92,10 @@ pub use mapper::{Mapper, MapperCounters, SearchCounters};
 pub use moving_targets::{MovingTarget, MovingTargetTracker, MtiSettings};
 pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};
 pub use range_axis::range_axis;
-pub use reflectors::{ReflectorSettings, find_reflectors, reflector_evidence};
+pub(crate) use reflectors::reflector_evidence;
+pub use reflectors::{ReflectorSettings, find_reflectors};
 pub use refusal::{Accepted, Refusal};
-pub use responses::ResponseCache;
+pub(crate) use responses::ResponseCache;
 pub use room_mapper::{RoomMapper, RoomMapperCounters, RoomMapperSettings, Update};
 pub use saved_map::{SavedMap, SavedMapError, SavedPoint, SavedWall};
 pub use scene::{Observed, Obstacle, Scene, Wall};
@@ -53,4 +106,5 @@ pub use synchronisation::{
     reflector_series, synchronisation,
 };
 pub use time_offset_control::TimeOffsetCounters;
-pub use tracks::{MapSettings, RECENT_UPDATES, Track, TrackList, same_plane, same_point};
+pub use tracks::{MapSettings, RECENT_UPDATES};
+pub(crate) use tracks::{Track, TrackList, same_plane, same_point};

@@ -24,7 +24,7 @@ const TRUTH_KEY: &str = "truth";
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SensorMetadata {
-    /// Ticks of [`Frame::tick`](a121::Frame) per second.
+    /// Ticks of [`Frame::tick`](a121::Frame::tick) per second.
     pub ticks_per_second: Option<u32>,
     /// Distance between neighbouring range points at step length 1, metres.
     pub base_step_length_m: Option<f64>,

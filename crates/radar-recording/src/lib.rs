@@ -1,5 +1,19 @@
-//! Recordings: writing and reading MCAP files, importing the vendor's .h5 and pose tracks, and
-//! saved maps of rooms.
+//! Recordings of radar frames, head poses and hands as MCAP files, which Foxglove opens; imports of
+//! the vendor's .h5 files and of pose tracks; saved maps of rooms.
+//!
+//! Nothing in a file is trusted: a damaged or truncated file gives the events that can be read, and
+//! a report of the rest. It is not a general MCAP library: it reads recordings of its own format
+//! only.
+//!
+//! - [`RecordingWriter`] writes events, [`Recording`] iterates over them, [`Damage`] says what could
+//!   not be read, [`RecordingSummary`] what a file holds.
+//! - [`ResultsWriter`] adds what a mapper found.
+//! - [`import_h5`], [`read_track`]: data of others. [`MapFolder`]: maps of rooms, by universe.
+//!
+//! Frames and units are those of the crates radar-mapping and a121: metres, +y up, −z forward,
+//! quaternions as x, y, z, w; times in nanoseconds of one monotonic clock.
+//!
+//! # Format
 //!
 //! A file starts with metadata records (the [`Header`]), so that even a truncated file can be read.
 //! Then come chunks of at most one second, with these topics (name, schema, content):
@@ -15,8 +29,31 @@
 //!
 //! The topics of hands exist only if there are hands. A recording with results ([`ResultsWriter`])
 //! has more topics, which reading skips; the head of `results` lists them.
+//!
+//! # Example
+//!
+//! ```
+//! use radar_mapping::Event;
+//! use radar_recording::{Header, Recording, RecordingWriter};
+//! use radar_sar::PoseSample;
+//! use radar_sar::geometry::Pose;
+//!
+//! let path = std::env::temp_dir().join(format!("radar-recording-{}.mcap", std::process::id()));
+//! let config = a121::preset("d16").expect("a preset");
+//! let mut writer = RecordingWriter::create(&path, &Header::new("an example", config, Pose::IDENTITY))?;
+//! let pose = Event::Pose(PoseSample::valid(1_000_000_000, &Pose::IDENTITY));
+//! writer.write(&pose)?;
+//! writer.finish()?;
+//!
+//! let mut recording = Recording::open(&path)?;
+//! assert_eq!(recording.header().config.sweeps_per_frame, 16);
+//! let events: Vec<Event> = recording.by_ref().collect();
+//! assert_eq!(events, [pose]);
+//! # std::fs::remove_file(path)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
-#![warn(missing_docs)]
+#![deny(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod chunk;

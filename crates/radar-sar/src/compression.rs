@@ -348,12 +348,18 @@ pub(super) fn compress_all(observations: &[Observation], scale: impl Fn(&Observa
 
 impl CompressedSweep {
     /// z at a range by cubic interpolation; outside the table the nearest cubic is extrapolated.
+    ///
+    /// # Panics
+    /// `self.z.len() < 4`.
     pub fn at(&self, range_m: f64) -> num_complex::Complex64 {
         let (first, u) = cubic::four_around((range_m - self.first_m) / self.step_m, self.z.len());
         self.weighted(first, cubic::weights(u))
     }
 
     /// z and dz/dr (per metre) at a range.
+    ///
+    /// # Panics
+    /// `self.z.len() < 4`.
     pub fn value_and_slope(&self, range_m: f64) -> (num_complex::Complex64, num_complex::Complex64) {
         let (first, u) = cubic::four_around((range_m - self.first_m) / self.step_m, self.z.len());
         (self.weighted(first, cubic::weights(u)), self.weighted(first, cubic::weight_slopes(u)) / self.step_m)

@@ -94,7 +94,7 @@ pub fn norm<T: Real>(z: Complex<T>) -> T {
 
 /// e^z.
 #[inline]
-pub fn exp_complex<T: Real>(z: Complex<T>) -> Complex<T> {
+pub(crate) fn exp_complex<T: Real>(z: Complex<T>) -> Complex<T> {
     from_polar(exp(z.re), z.im)
 }
 

@@ -1,5 +1,7 @@
 //! Sweeps for tests, straight from the signal model: points and planes along a path, with noise.
 
+#![allow(clippy::disallowed_methods)]
+
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -75,6 +77,9 @@ pub fn conjugated(mut observations: Vec<Observation>) -> Vec<Observation> {
 }
 
 /// Runs on a pool of one thread.
+///
+/// # Panics
+/// The system refuses another thread.
 pub fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work)
 }

@@ -36,6 +36,9 @@ impl Volume {
     }
 
     /// Voxel (i, j, k) of an index into `values`.
+    ///
+    /// # Panics
+    /// `self.size[0] * self.size[1] == 0`.
     pub fn voxel(&self, index: usize) -> [usize; 3] {
         [index % self.size[0], index / self.size[0] % self.size[1], index / (self.size[0] * self.size[1])]
     }

@@ -1,11 +1,36 @@
-//! Simulation of rooms, motions, tracking errors and radar noise. Gives frames and poses as the
-//! real devices do, and the ground truth.
+//! Simulated rooms, motions, tracking errors and radar noise: frames and poses as the real devices
+//! give them, and the ground truth.
 //!
-//! Seeded physics: it shares constants with the reconstruction (wavelength, pulse widths, loop
-//! gains), but no code. Not simulated: multipath, leakage from transmitter to receiver, timing
-//! drift, shadowing.
+//! Seeded physics: the same seed gives the same recording. It shares constants with the
+//! reconstruction (wavelength, pulse widths, loop gains), but no code. It is not an electromagnetic
+//! solver: a room consists of point scatterers and specular walls. Not simulated: multipath,
+//! leakage from transmitter to receiver, timing drift, shadowing.
+//!
+//! - [`Scenario`]: a scene of [`SCENES`], a motion of [`MOTIONS`], a sensor; [`Scenario::run`] gives
+//!   a [`Simulated`] recording, [`Scenario::live`] an endless one.
+//! - [`PlaySession`]: minutes of play in a furnished room, with hands and a visitor.
+//! - [`Room`], [`Scatterer`], [`WallPanel`]: what returns echoes. [`TrackingErrors`]: what is wrong
+//!   with the poses.
+//!
+//! Frames and units: right-handed, +y up, −z forward, floor at y = 0, metres, as OpenVR; radar
+//! cross-sections in dBsm, samples in LSB, phase growing with range; times in nanoseconds of the
+//! host's clock.
+//!
+//! # Example
+//!
+//! ```
+//! use radar_simulation::Scenario;
+//!
+//! let config = a121::preset("d16").expect("a preset");
+//! let simulated = Scenario::new("chair", "natural", config, 1.0, 7).run()?;
+//! assert_eq!(simulated.frames.len(), 66);
+//! assert_eq!(simulated.frames[0].samples.len(), 16 * 50);
+//! assert!(simulated.poses.iter().all(|pose| pose.valid));
+//! assert_eq!(simulated.truth.obstacles[0].name, "chair");
+//! # Ok::<(), radar_simulation::ScenarioError>(())
+//! ```
 
-#![warn(missing_docs)]
+#![deny(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod arm;

@@ -171,7 +171,7 @@ fn assert_quarters(picture: &RgbImage, quad: &Quad, eye: &Eye, alpha: f64) {
 
 #[test]
 fn quad_is_drawn_at_its_pose_and_moves_with_its_universe() {
-    let name = "pictures::a_quad_is_seen_where_it_stands_and_moves_with_its_universe";
+    let name = "pictures::quad_is_drawn_at_its_pose_and_moves_with_its_universe";
     alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
@@ -262,7 +262,7 @@ fn side_by_side_halves_and_bounds_are_applied() {
 
 #[test]
 fn quads_are_ordered_by_sort_order_then_distance() {
-    let name = "pictures::nearer_quads_cover_farther_ones_unless_the_order_says_otherwise";
+    let name = "pictures::quads_are_ordered_by_sort_order_then_distance";
     alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
@@ -323,7 +323,7 @@ fn premultiplied_flag_is_respected() {
 
 #[test]
 fn quad_back_follows_sdk_version_and_flag() {
-    let name = "pictures::the_back_of_a_quad_is_grey_for_new_clients_unless_they_say_otherwise";
+    let name = "pictures::quad_back_follows_sdk_version_and_flag";
     alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();

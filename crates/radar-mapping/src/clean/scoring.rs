@@ -13,7 +13,7 @@ use super::CleanSettings;
 
 /// Length of the time segments, of which the robust score leaves out the best one, nanoseconds
 /// (choice).
-pub const ROBUST_SEGMENT_NS: i64 = 300_000_000;
+const ROBUST_SEGMENT_NS: i64 = 300_000_000;
 /// Least number of sub-apertures of a score (choice).
 const MIN_SUBAPERTURES: usize = 3;
 

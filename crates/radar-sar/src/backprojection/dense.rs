@@ -27,6 +27,9 @@ pub struct DenseVolume {
 /// count differently from the oracle's. For voxels near a sensor, D is held constant within one
 /// table step (at most 5 mm), and at distance d a value may be off by ¾·(step/d)² of itself; for
 /// `glrt` and `coherent`, which divide by D², by 1¼·(step/d)².
+///
+/// # Panics
+/// `grid.size[0] * grid.size[1] == 0`.
 pub fn dense_volume(stack: &SweepStack, grid: &BrickGrid) -> DenseVolume {
     let bricks = Bricks::new(stack, grid);
     let mut volume = grid.volume();

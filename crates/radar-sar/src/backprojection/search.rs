@@ -66,7 +66,10 @@ impl Found {
         self.voxels.iter().copied().reduce(|best, v| if v.1 > best.1 { v } else { best })
     }
 
-    /// As a volume, 0 below the threshold.
+    /// As a volume, 0 below the threshold. `grid`: the one that was searched.
+    ///
+    /// # Panics
+    /// `self.voxels.iter().any(|voxel| voxel.0 >= grid.voxels())`.
     pub fn volume(&self, grid: &BrickGrid) -> Volume {
         let mut volume = grid.volume();
         self.voxels.iter().for_each(|&(index, value)| volume.values[index] = value);

@@ -292,6 +292,9 @@ impl SweepStack {
     /// # Errors
     /// Numbers that are not finite, samples that are too large, a wrong length, or an unknown
     /// geometry. The slot is then empty.
+    ///
+    /// # Panics
+    /// `slot >= self.slots()`.
     pub fn fill(&mut self, slot: usize, observation: &Observation) -> Result<(), SweepRefusal> {
         self.empty(slot);
         let axis = check(observation, extent(observation), &self.axes)?;
@@ -360,6 +363,9 @@ impl SweepStack {
     }
 
     /// Removes a sweep.
+    ///
+    /// # Panics
+    /// `slot >= self.slots()`.
     pub fn empty(&mut self, slot: usize) {
         let (group, l) = (&mut self.groups[slot / LANES], slot % LANES);
         (group.first_m[l], group.last_m[l]) = (f32::MAX, f32::MIN);

@@ -28,7 +28,8 @@ pub use kernel::{Coherence, PlaneAt};
 pub use mti::{MtiEcho, MtiFilter, MtiResult};
 pub use planes::{PlaneField, PlanePeak};
 pub use score_null_distribution::NoiseTail;
-pub use settings::{SubapertureSettings, partition, taper};
+pub(crate) use settings::taper;
+pub use settings::{SubapertureSettings, partition};
 
 /// Mean of ln(1 + m) for m exponential with mean 1, its distribution under noise: e·E₁(1).
 pub const MEAN_LOG_OF_NOISE: f64 = 0.596_347;
