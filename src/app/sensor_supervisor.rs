@@ -94,7 +94,7 @@ impl SensorSupervisor {
         let (over, is_over) = mpsc::sync_channel(1);
         let own = Arc::clone(&supervisor);
         let work = move || drop(over.send(own.run(plan)));
-        std::thread::Builder::new().name("sensor feed".into()).spawn(work).context("cannot start a thread")?;
+        std::thread::Builder::new().name("sensor supervisor".into()).spawn(work).context("cannot start a thread")?;
         Ok((supervisor, is_over))
     }
 
@@ -161,7 +161,7 @@ impl SensorSupervisor {
         while let Some(stream) = self.open(&sensor) {
             let (losses, lost_before) =
                 (RefCell::new(FrameLossCounter::default()), self.sweeps_lost.load(Ordering::Relaxed));
-            let hand_on = |frame: &Frame| {
+            let on_frame = |frame: &Frame| {
                 losses.borrow_mut().push(frame.tick);
                 self.sweeps.fetch_add(sweeps_per_frame, Ordering::Relaxed);
                 self.sweeps_lost.store(lost_before + losses.borrow().lost() * sweeps_per_frame, Ordering::Relaxed);
@@ -170,7 +170,7 @@ impl SensorSupervisor {
             };
             // A recording ends with the stream with which it began.
             let is_recording = file.is_some();
-            let mut intake = FrameIntake::new(&sensor, file.take(), &hand_on).with_presence(&self.is_connected);
+            let mut intake = FrameIntake::new(&sensor, file.take(), &on_frame).with_presence(&self.is_connected);
             let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.status_text());
             let done = intake.end(stream, taken);
             self.is_connected.store(false, Ordering::Relaxed);

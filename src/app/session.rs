@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
+use std::thread::Builder;
 use std::time::Duration;
 
 use anyhow::{Result, anyhow, bail};
@@ -131,14 +132,15 @@ impl SessionOptions {
         let (supervisor, is_over) = SensorSupervisor::start(plan, &store.newest())?;
         let on_new = |before: &Settings, new: &Settings| apply_settings(&supervisor, before, new);
         let no_more = AtomicBool::new(false);
-        let done = std::thread::scope(|scope| {
+        let done: Result<_> = std::thread::scope(|scope| {
             let _end = EndGuard(&store, &no_more);
             let (store, supervisor, is_over) = (&store, &supervisor, &no_more);
-            scope.spawn(move || work.run(store, &compose, &on_new));
+            Builder::new().name("settings".into()).spawn_scoped(scope, move || work.run(store, &compose, &on_new))?;
             if let Some(view) = view {
-                scope.spawn(move || session_view::update_view(view, supervisor, store, is_over));
+                let update = move || session_view::update_view(view, supervisor, store, is_over);
+                Builder::new().name("desktop view".into()).spawn_scoped(scope, update)?;
             }
-            self.draw(&runtime, supervisor, store, stop, maps)
+            Ok(self.draw(&runtime, supervisor, store, stop, maps)?)
         });
         supervisor.stop.store(true, Ordering::Relaxed);
         // The session ends before the graphics that it may still copy from are dropped.
@@ -275,6 +277,6 @@ mod tests {
         assert_eq!((fade_m(Some(0.1), &own), fade_m(Some(9.0), &own)), (Some(1.2), Some(3.0)));
         let mut near = Settings::default();
         near.warning.fade_distance_m = 0.9;
-        assert_eq!(fade_m(Some(0.1), &near), Some(0.9), "who has set less wants less");
+        assert_eq!(fade_m(Some(0.1), &near), Some(0.9), "a smaller setting of the user stays");
     }
 }

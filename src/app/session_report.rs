@@ -86,7 +86,7 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
     let HeadsetStatus { frames, pictures, recentred, forgotten, devices_lost, refused, .. } = report.headset;
     let ms = |seconds: f64| seconds * 1e3;
     outln!(
-        "Frames    {} seen, {} missed by this program, {} waiting for a free core, {} elsewhere; {:.2} ms of processor each (one in a thousand {:.2}, longest {:.2})",
+        "Frames    {} seen, {} missed by this program, {} waiting for a free core, {} elsewhere; {:.2} ms of processor each (p99.9 {:.2}, max {:.2})",
         frames.frames,
         frames.missed_by_loop,
         frames.missed_waiting_for_core,
@@ -98,7 +98,7 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
     let age = frames.sweep_to_warning;
     if age.count > 0 {
         let (median, p99, max) = (ms(age.median_s), ms(age.p99_s), ms(age.max_s));
-        outln!("Sweeps    {median:.1} ms from sweep to warning (one in a hundred {p99:.1}, longest {max:.1})")?;
+        outln!("Sweeps    {median:.1} ms from sweep to warning (p99 {p99:.1}, max {max:.1})")?;
     }
     if let Some(counters) = &report.reconstruction {
         let share = 100.0 * counters.cpu_s / counters.running_s.max(1e-3);
@@ -106,7 +106,7 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
         outln!("Imaging   {} obstacles, {share:.1} % of a core, {dropped} frames and poses dropped", report.obstacles)?;
     }
     if let Some(sigma_s) = report.time_offset_sigma_s {
-        outln!("Time      offset {:.1} ± {:.1} ms in force", ms(report.time_offset_s), ms(sigma_s))?;
+        outln!("Time      offset {:.1} ± {:.1} ms in use", ms(report.time_offset_s), ms(sigma_s))?;
     }
     outln!(
         "Overlays  {pictures} pictures handed over; recentred {recentred} times, map reset {forgotten}, graphics device \

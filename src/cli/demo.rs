@@ -241,7 +241,7 @@ impl Demo {
         let (header, settings, mapper) = replay(&file)?;
         let scene = mapper.scene();
         write_obstacles(&folder.join("obstacles.json"), &scene, &mapper)?;
-        let truth = header.truth.clone().ok_or_else(|| anyhow!("the recording lost its truth"))?;
+        let truth = header.truth.clone().ok_or_else(|| anyhow!("the recording contains no truth"))?;
         bar.inc(1);
         let image = volume(act.image, &file, &settings, &mapper, &truth)?;
         bar.inc(1);

@@ -101,7 +101,7 @@ impl Doctor {
         let line = line_speed(place, self.board.baud, Some(info));
         let max = info
             .max_baudrate
-            .map_or("the board names no speeds".to_owned(), |max| format!("the board's fastest is {max}"));
+            .map_or("the board reports no speed".to_owned(), |max| format!("the board's fastest is {max}"));
         match line {
             Some(line) => findings.ok("Speed", &format!("{line}; {max}"))?,
             None => findings.warn("Speed", &format!("{max}: what the line carries is not known"))?,

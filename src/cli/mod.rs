@@ -66,7 +66,7 @@ enum Command {
 fn check_run(arguments: &[String]) -> anyhow::Result<()> {
     let words = ["radar-chaperone", "run"].into_iter().chain(arguments.iter().map(String::as_str));
     let Command::Run(run) = Arguments::try_parse_from(words)?.command else {
-        anyhow::bail!("these are no arguments of `run`: {}", arguments.join(" "))
+        anyhow::bail!("`run` does not take these arguments: {}", arguments.join(" "))
     };
     run.check()
 }

@@ -95,7 +95,7 @@ impl Record {
         match Runtime::start(&place, Role::Background) {
             Ok(runtime) => Some(runtime),
             Err(error) => {
-                log::info!("no poses of SteamVR's: {error}");
+                log::info!("SteamVR provides no poses: {error}");
                 None
             }
         }

@@ -78,7 +78,7 @@ impl Simulate {
     pub fn run(&self) -> Result<()> {
         let Some(out) = self.out.as_ref().filter(|_| !self.live.is_requested()) else {
             if self.room == PLAY_ROOM {
-                bail!("{PLAY_ROOM} is recorded alone: give --out FILE.mcap, or another room to serve");
+                bail!("{PLAY_ROOM} can only be recorded: give --out FILE.mcap, or another room to serve");
             }
             return self.live.run(self.scenario()?, self.duration_s);
         };

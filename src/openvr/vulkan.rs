@@ -52,7 +52,7 @@ pub enum VulkanError {
         missing: Vec<String>,
     },
     /// The adapter could not open a device.
-    #[error("graphics adapter {adapter} gives no device: {cause}")]
+    #[error("graphics adapter {adapter} provides no device: {cause}")]
     NoDevice {
         /// Name of the adapter.
         adapter: String,

@@ -10,7 +10,7 @@ pub enum RenderError {
     )]
     NoAdapter,
     /// The adapter is there but cannot be used.
-    #[error("graphics adapter {adapter} gives no device: {cause}")]
+    #[error("graphics adapter {adapter} provides no device: {cause}")]
     NoDevice {
         /// Name of the adapter.
         adapter: String,

@@ -464,7 +464,10 @@ pub(super) mod tests {
             // nevertheless.
             let after = renderer.quads_incremental(&both(1.2), &style).unwrap();
             assert_eq!(after[0].size_m.x, 0.9);
-            assert!(renderer.quads_incremental(&only(of(2, 0.62)), &style).unwrap().len() == 1, "what is gone is gone");
+            assert!(
+                renderer.quads_incremental(&only(of(2, 0.62)), &style).unwrap().len() == 1,
+                "a removed warning is not drawn"
+            );
         });
     }
 

@@ -14,7 +14,7 @@ pub enum ReportError {
         source: std::io::Error,
     },
     /// The PNG encoder rejected an image.
-    #[error("a picture of {width} × {height} pixels does not make a PNG: {source}")]
+    #[error("a picture of {width} × {height} pixels cannot be written as PNG: {source}")]
     Png {
         /// Width, pixels.
         width: usize,
@@ -59,7 +59,7 @@ pub enum ReportError {
         reason: String,
     },
     /// The file is not the expected .ply point cloud.
-    #[error("{path}: no point cloud of ours: {reason}", path = path.display())]
+    #[error("{path}: not a point cloud of this program: {reason}", path = path.display())]
     NotPly {
         /// The file.
         path: PathBuf,

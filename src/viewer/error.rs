@@ -11,7 +11,7 @@ pub enum ViewError {
     )]
     NoDesktop(String),
     /// The desktop does not create a window.
-    #[error("the desktop gives no window: {0}")]
+    #[error("the desktop provides no window: {0}")]
     NoWindow(String),
     /// The window has no drawable surface.
     #[error("the window cannot be drawn to: {0}")]

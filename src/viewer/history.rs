@@ -34,7 +34,7 @@ const MARKS: usize = 1024;
 /// MapperCounters and time offset at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Health {
-    /// MapperCounters of the mapper.
+    /// Counters of the mapper.
     pub counters: MapperCounters,
     /// The active time offset, seconds.
     pub time_offset_s: f64,

@@ -23,6 +23,6 @@ fn play_room_refuses_motion_and_offset_options() {
     folder
         .run("simulate play-room --time-offset-s 0.1 --out a.mcap")
         .fails_with("--time-offset-s is for the other rooms");
-    folder.run("simulate play-room --serve tcp:127.0.0.1:0").fails_with("recorded alone");
+    folder.run("simulate play-room --serve tcp:127.0.0.1:0").fails_with("can only be recorded");
     folder.run("simulate play-room --duration-s 0 --out a.mcap").fails_with("give 1 to 3600 s");
 }

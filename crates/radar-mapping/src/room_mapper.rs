@@ -2,7 +2,7 @@
 //!
 //! A sub-aperture triggers work in stages, so a stream need not wait for all of it: imaging of the
 //! sub-aperture and, for an update, the candidates, CLEAN and the positions. The result is the same
-//! whenever the stages are worked off, as long as it is before the next sub-aperture closes.
+//! whenever the stages run, as long as it is before the next sub-aperture closes.
 //!
 //! The position that the sub-aperture score finds is refined by `ls` over the sweeps that saw it,
 //! with the ranges of all other detections masked. Both estimates are weighted by their
@@ -325,8 +325,8 @@ impl RoomMapper {
     /// Does the next stage of the last sub-aperture's work; false when there is none.
     fn run_next_stage(&mut self) -> bool {
         let Some(stage) = self.pending.take() else { return false };
-        // Runs all parallel loops of a stage within the pool: one hand-over instead of one for each
-        // loop.
+        // Runs all parallel loops of a stage within the pool: one transfer to the pool instead of one for
+        // each loop.
         self.pending = rayon::scope(|_| self.run_stage(stage));
         true
     }

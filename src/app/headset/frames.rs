@@ -3,6 +3,7 @@
 use crate::app::SensorSupervisor;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::Builder;
 use std::time::Duration;
 
 use super::anchor::{Anchor, AnchorChange};
@@ -70,22 +71,27 @@ impl FrameLoop<'_> {
             let _done = DoneGuard(&done);
             let &Self { settings: store, supervisor, .. } = self;
             // It ends with the state.
-            scope.spawn(move || panel.run(&PanelSources { store, supervisor }));
+            named("dashboard panel").spawn_scoped(scope, move || panel.run(&PanelSources { store, supervisor }))?;
             if poses_hz > 0.0 {
                 let (runtime, frame, done) = (self.runtime, &frame, &done);
                 let sink = |event| supervisor.push(event);
-                scope.spawn(move || read_poses(runtime, frame, poses_hz, &sink, done));
+                named("head poses").spawn_scoped(scope, move || read_poses(runtime, frame, poses_hz, &sink, done))?;
             }
             if let Some(maps) = self.maps {
-                let keeper = MapAutosave { maps, frame: &frame, supervisor, settings: store };
+                let autosave = MapAutosave { maps, frame: &frame, supervisor, settings: store };
                 let done = &done;
-                scope.spawn(move || keeper.run(done));
+                named("map autosave").spawn_scoped(scope, move || autosave.run(done))?;
             }
             let ending = state.run();
             let (status, rest) = state.end();
             Ok((HeadsetReport { ending, status }, rest))
         })
     }
+}
+
+/// A thread of this name.
+fn named(name: &str) -> Builder {
+    Builder::new().name(name.to_owned())
 }
 
 /// Ends the helper threads when the loop ends for any reason.

@@ -35,6 +35,9 @@ pub enum HeadsetError {
     /// SteamVR refuses something.
     #[error(transparent)]
     SteamVr(#[from] OpenVrError),
+    /// The system provides no thread.
+    #[error("cannot start a thread: {0}")]
+    Thread(#[from] std::io::Error),
     /// There is no usable graphics device.
     #[error(transparent)]
     Graphics(#[from] GraphicsError),

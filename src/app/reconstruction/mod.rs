@@ -95,7 +95,7 @@ impl PublishedMap {
     }
 }
 
-/// MapperCounters of the reconstruction.
+/// Counters of the reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReconstructionCounters {
     /// The mapper's counters since the last reset.
