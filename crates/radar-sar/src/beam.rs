@@ -117,6 +117,7 @@ impl Beam {
     }
 
     /// Two-way amplitude factor at the angle with this cosine; 0 beyond the cut-off.
+    #[inline]
     pub fn amplitude(&self, cos_off_boresight: f64) -> f64 {
         let angle_deg = math::acos(cos_off_boresight.clamp(-1.0, 1.0)).to_degrees();
         let lobe = |half_deg: f64, cut_deg: f64| {

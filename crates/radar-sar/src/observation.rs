@@ -41,11 +41,13 @@ pub struct Observation {
 
 impl Observation {
     /// Time of a (fractional) point from the middle of the sweep, seconds.
+    #[inline]
     pub fn point_time_s(&self, point: f64) -> f64 {
         (point - (self.geometry.axis.points as f64 - 1.0) / 2.0) * self.geometry.point_period_s
     }
 
     /// When its last point was measured, host nanoseconds.
+    #[inline]
     pub fn end_ns(&self) -> i64 {
         let half_s = self.point_time_s(self.geometry.axis.points as f64 - 1.0);
         self.mid_time_ns.saturating_add((half_s * 1e9).round() as i64)
@@ -53,6 +55,7 @@ impl Observation {
 
     /// Distance to a point in space, metres, from where the sensor was when it sampled that range;
     /// the sensor moves during a sweep. Two fixed-point iterations suffice below 100 m/s.
+    #[inline]
     pub fn distance_m(&self, place: DVec3) -> f64 {
         let from_mid = place - self.tracking_from_sensor.translation;
         let mut distance = from_mid.length();
@@ -65,6 +68,7 @@ impl Observation {
 
     /// Cosine of the angle between the boresight and the direction to a point; 1 at the sensor's
     /// own position.
+    #[inline]
     pub fn cos_off_boresight(&self, place: DVec3) -> f64 {
         let to = place - self.tracking_from_sensor.translation;
         let length = to.length();

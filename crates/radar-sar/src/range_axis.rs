@@ -13,21 +13,25 @@ pub struct RangeAxis {
 
 impl RangeAxis {
     /// Range of point `n`, metres.
+    #[inline]
     pub fn range_m(&self, n: usize) -> f64 {
         self.first_m + n as f64 * self.step_m
     }
 
     /// Range of the last point, metres.
+    #[inline]
     pub fn last_m(&self) -> f64 {
         self.range_m(self.points.saturating_sub(1))
     }
 
     /// Whether a range lies between the first and the last point.
+    #[inline]
     pub fn contains(&self, range_m: f64) -> bool {
         range_m >= self.first_m && range_m <= self.last_m()
     }
 
     /// The (fractional) point at a range.
+    #[inline]
     pub fn point_at(&self, range_m: f64) -> f64 {
         (range_m - self.first_m) / self.step_m
     }

@@ -14,11 +14,13 @@ pub struct Aabb {
 
 impl Aabb {
     /// From any two opposite corners.
+    #[inline]
     pub fn from_corners(a: DVec3, b: DVec3) -> Self {
         Self { min: a.min(b), max: a.max(b) }
     }
 
     /// The smallest box around the points; `None` without any.
+    #[inline]
     pub fn around(points: impl IntoIterator<Item = DVec3>) -> Option<Self> {
         points
             .into_iter()
@@ -27,26 +29,31 @@ impl Aabb {
     }
 
     /// Edge lengths.
+    #[inline]
     pub fn size(&self) -> DVec3 {
         self.max - self.min
     }
 
     /// Centre.
+    #[inline]
     pub fn center(&self) -> DVec3 {
         (self.min + self.max) * 0.5
     }
 
     /// Whether the point is inside or on the border.
+    #[inline]
     pub fn contains(&self, point: DVec3) -> bool {
         point.cmpge(self.min).all() && point.cmple(self.max).all()
     }
 
     /// The point of the box nearest to `point`.
+    #[inline]
     pub fn nearest_point(&self, point: DVec3) -> DVec3 {
         point.clamp(self.min, self.max)
     }
 
     /// Distance from a point to the nearest point of the box; 0 inside.
+    #[inline]
     pub fn distance(&self, point: DVec3) -> f64 {
         self.nearest_point(point).distance(point)
     }

@@ -21,26 +21,31 @@ const MAX_UPRIGHT_NORMAL_Y: f64 = 0.5;
 
 impl Plane {
     /// Distance from a point inside to the plane, metres; negative beyond it.
+    #[inline]
     pub fn distance(&self, point: DVec3) -> f64 {
         self.offset_m - self.outward.dot(point)
     }
 
     /// Foot of the perpendicular from the point.
+    #[inline]
     pub fn foot(&self, point: DVec3) -> DVec3 {
         point + self.outward * self.distance(point)
     }
 
     /// Whether it is level, as floors and ceilings are.
+    #[inline]
     pub fn is_level(&self) -> bool {
         self.outward.y.abs() >= MIN_LEVEL_NORMAL_Y
     }
 
     /// Whether it is upright, as walls are. A sloping roof is neither upright nor level.
+    #[inline]
     pub fn is_upright(&self) -> bool {
         self.outward.y.abs() < MAX_UPRIGHT_NORMAL_Y
     }
 
     /// The same plane in another frame: `to_from` takes coordinates of this frame to the other.
+    #[inline]
     pub fn moved(&self, to_from: &Pose) -> Self {
         let outward = to_from.transform_vector(self.outward);
         Self { outward, offset_m: self.offset_m + outward.dot(to_from.translation) }
@@ -52,6 +57,7 @@ impl Plane {
     /// Rotating a bounding box makes it grow each time. This patch keeps its extent along the
     /// plane: of an upright plane the segment between two ends is moved, of a level one the box
     /// keeps its size.
+    #[inline]
     pub fn patch_moved(&self, patch: &Aabb, to_from: &Pose) -> Aabb {
         let half = patch.size() * 0.5;
         let Some(along) = self.outward.cross(DVec3::Y).try_normalize().filter(|_| !self.is_level()) else {

@@ -31,6 +31,7 @@ impl Pose {
     pub const IDENTITY: Self = Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
     /// From valid parts. For external data use [`Pose::try_new`].
+    #[inline]
     pub fn new(translation: DVec3, rotation: DQuat) -> Self {
         Self { translation, rotation: rotation.normalize() }
     }
@@ -39,6 +40,7 @@ impl Pose {
     ///
     /// # Errors
     /// A component that is not finite, or a quaternion whose components are all below 1e-6.
+    #[inline]
     pub fn try_new(position_m: [f64; 3], quaternion_xyzw: [f64; 4]) -> Result<Self, PoseError> {
         if !position_m.iter().all(|v| v.is_finite()) {
             return Err(PoseError::PositionNotFinite(position_m));
@@ -56,12 +58,14 @@ impl Pose {
     }
 
     /// A pose without rotation.
+    #[inline]
     pub fn from_translation(translation: DVec3) -> Self {
         Self { translation, rotation: DQuat::IDENTITY }
     }
 
     /// At `eye`, looking along −z towards `target`, with +y as close to `up` as possible. `target`
     /// must differ from `eye`.
+    #[inline]
     pub fn looking_at(eye: DVec3, target: DVec3, up: DVec3) -> Self {
         let back = (eye - target).normalize_or(DVec3::Z);
         let right = up.cross(back);
@@ -71,28 +75,33 @@ impl Pose {
     }
 
     /// `b_from_a` of this `a_from_b`.
+    #[inline]
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.conjugate();
         Self { translation: rotation * -self.translation, rotation }
     }
 
     /// A point of frame `b`, in frame `a`.
+    #[inline]
     pub fn transform_point(&self, point_in_b: DVec3) -> DVec3 {
         self.rotation * point_in_b + self.translation
     }
 
     /// A direction of frame `b`, in frame `a`.
+    #[inline]
     pub fn transform_vector(&self, vector_in_b: DVec3) -> DVec3 {
         self.rotation * vector_in_b
     }
 
     /// The −z axis of `b`, in `a`: for a sensor, its boresight.
+    #[inline]
     pub fn forward(&self) -> DVec3 {
         self.rotation * DVec3::NEG_Z
     }
 
     /// Interpolates between two poses: linear in position, along the shortest arc in rotation.
     /// `share` 0 gives `self`, 1 gives `other`.
+    #[inline]
     pub fn interpolate(&self, other: &Self, share: f64) -> Self {
         Self {
             translation: self.translation.lerp(other.translation, share),

@@ -89,36 +89,43 @@ impl PointSubaperture {
     }
 
     /// See [`Subaperture::middle`].
+    #[inline]
     pub fn middle(&self) -> &Pose {
         &self.0.middle
     }
 
     /// See [`Subaperture::geometry`].
+    #[inline]
     pub fn geometry(&self) -> &SweepGeometry {
         self.0.geometry()
     }
 
     /// See [`Subaperture::motion`].
+    #[inline]
     pub fn motion(&self) -> DVec3 {
         self.0.motion
     }
 
     /// See [`Subaperture::mid_time_ns`].
+    #[inline]
     pub fn mid_time_ns(&self) -> i64 {
         self.0.mid_time_ns
     }
 
     /// See [`Subaperture::aperture_m`].
+    #[inline]
     pub fn aperture_m(&self) -> f64 {
         self.0.aperture_m
     }
 
     /// See [`Subaperture::distance_m`].
+    #[inline]
     pub fn distance_m(&self, place: DVec3) -> f64 {
         self.0.distance_m(place)
     }
 
     /// Coherence of a point, tracking frame, metres.
+    #[inline]
     pub fn coherence_at(&self, place: DVec3) -> Coherence {
         let relative = (place - self.0.middle.translation).as_vec3().to_array();
         self.0.coherence_at_points(&[relative])[0]
@@ -212,11 +219,13 @@ impl Subaperture {
     }
 
     /// Range axis, pulse and timing of its sweeps.
+    #[inline]
     pub fn geometry(&self) -> &SweepGeometry {
         &self.geometry
     }
 
     /// Distance from the middle to a point, metres.
+    #[inline]
     pub fn distance_m(&self, place: DVec3) -> f64 {
         place.distance(self.middle.translation)
     }

@@ -46,6 +46,7 @@ impl Default for SubapertureSettings {
 
 impl SubapertureSettings {
     /// Cosine of the widest angle that counts as in the beam.
+    #[inline]
     pub fn min_cos(&self, beam: &Beam) -> f64 {
         beam.cut_off_cos(self.min_amplitude)
     }
@@ -56,12 +57,14 @@ impl SubapertureSettings {
     }
 
     /// The same, limited to a sweep's range axis: sweeps carry no information beyond it.
+    #[inline]
     pub fn within(&self, axis: &RangeAxis) -> Self {
         let (min_range_m, max_range_m) = (self.min_range_m.max(axis.first_m), self.max_range_m.min(axis.last_m()));
         Self { min_range_m, max_range_m, ..*self }
     }
 
     /// Whether a point is in the beam and range of a sensor pose.
+    #[inline]
     pub fn sees(&self, tracking_from_sensor: &Pose, min_cos: f64, place: DVec3) -> bool {
         let to = place - tracking_from_sensor.translation;
         let along = to.dot(tracking_from_sensor.forward());
