@@ -9,7 +9,7 @@
 //! - [`Observation`]: a sweep with the sensor's pose, the input of all else. [`PoseHistory`] gives
 //!   the pose at a time from tracked poses.
 //! - [`Statistic`]: what is summed at a place. [`backprojection`] sums it over whole sweeps: dense,
-//!   by adaptive search, or rolling. [`subaperture`] has the coherent statistic for furniture in
+//!   or by adaptive search. [`subaperture`] has the coherent statistic for furniture in
 //!   front of walls.
 //! - [`refine`]: from a voxel to a position with its covariance; [`cramer_rao_bound`]: how well it
 //!   could be known.

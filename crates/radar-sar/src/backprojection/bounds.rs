@@ -162,6 +162,7 @@ impl<'a, S: Lanes> SweepLanes<'a, S> {
     }
 
     /// One sweep in every lane.
+    #[cfg(feature = "rolling")]
     #[inline(always)]
     pub(super) fn one(s: S, group: &Group, slot: usize, maxima: &'a RangeMaxima) -> Self {
         let of_sweep = maxima.levels * maxima.stride;

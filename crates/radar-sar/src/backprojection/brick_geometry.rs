@@ -81,6 +81,7 @@ impl<S: Lanes> Sweeps<S> {
     }
 
     /// Sweep `l` of a group in every lane.
+    #[cfg(feature = "rolling")]
     #[inline(always)]
     pub(super) fn one(s: S, group: &Group, l: usize) -> Self {
         Self {

@@ -33,6 +33,7 @@ pub(crate) trait Lanes: Copy {
     fn splat(self, value: f32) -> Self::F;
     fn load(self, values: &[f32; LANES]) -> Self::F;
     /// One value in the first eight lanes, another in the last.
+    #[cfg_attr(not(feature = "rolling"), expect(dead_code, reason = "for the rolling image"))]
     fn splat_two(self, first: f32, last: f32) -> Self::F;
     fn store(self, values: Self::F) -> [f32; LANES];
     fn add(self, a: Self::F, b: Self::F) -> Self::F;

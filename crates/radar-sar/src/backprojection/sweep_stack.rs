@@ -225,6 +225,7 @@ impl SweepStack {
     }
 
     /// Limits the contribution of sweeps filled in from now on to so many steps per voxel.
+    #[cfg(feature = "rolling")]
     pub(super) fn limit_steps(&mut self, most_steps: i32) {
         self.most_steps = (most_steps as f32).min(MAX_STEPS);
     }
@@ -354,6 +355,7 @@ impl SweepStack {
     }
 
     /// Copies a slot of another stack, created for the same sweeps, into a slot of this one.
+    #[cfg(feature = "rolling")]
     pub(super) fn copy_slot(&mut self, slot: usize, other: &Self, from: usize) {
         let long = self.table_len();
         self.tables[slot * long..][..long].copy_from_slice(&other.tables[from * long..][..long]);
@@ -639,6 +641,8 @@ fn check(observation: &Observation, extent: Extent, axes: &[Axis]) -> Result<usi
 }
 
 impl Group {
+    /// Copies lane `from` of another group to lane `to`.
+    #[cfg(feature = "rolling")]
     fn copy_lane(&mut self, to: usize, other: &Self, from: usize) {
         for axis in 0..3 {
             self.position_m[axis][to] = other.position_m[axis][from];

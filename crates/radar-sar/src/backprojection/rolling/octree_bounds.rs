@@ -7,12 +7,12 @@
 //! change with every sweep are stored separately, 96 bytes for eight cubes, because the time goes
 //! into streaming through them.
 
-use super::bounds::{BoxLanes, RangeMaxima, SweepLanes, bounds};
-use super::brick_geometry::EDGE;
-use super::dispatch::Kernel;
-use super::grid::BrickGrid;
-use super::lanes::{LANES, Lanes};
-use super::sweep_stack::SweepStack;
+use super::super::bounds::{BoxLanes, RangeMaxima, SweepLanes, bounds};
+use super::super::brick_geometry::EDGE;
+use super::super::dispatch::Kernel;
+use super::super::grid::BrickGrid;
+use super::super::lanes::{LANES, Lanes};
+use super::super::sweep_stack::SweepStack;
 
 /// Position of a cube of 2^level bricks: its index along each axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

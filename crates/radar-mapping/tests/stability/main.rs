@@ -1,16 +1,14 @@
 //! Numerical stability: every result is finite and every fast path agrees with its slow definition
 //! within the documented tolerance, whatever the sweeps are.
 //!
-//! Quick (seconds): `cargo test --release --test stability`. Long (minutes: more seeds and sweeps,
-//! a million sweeps through the rolling image): `RADAR_CHAPERONE_LONG=1 cargo test --release --test
-//! stability`.
+//! Quick (seconds): `cargo test --release -p radar-mapping --test stability`. With
+//! `RADAR_CHAPERONE_LONG=1` minutes: more seeds and sweeps.
 //!
 //! Each check is a table of cases × sensor paths. A failure names both, the position, the value and
 //! the oracle's value.
 mod backprojection;
 mod cases;
 mod refine;
-mod rolling;
 mod streams;
 mod subaperture;
 

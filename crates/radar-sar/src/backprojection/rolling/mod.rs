@@ -13,6 +13,10 @@
 //! Longer than other files: adding, removing and opening keep one invariant between bricks, cubes and
 //! queue, which is private to this file.
 
+mod bricks;
+mod octree_bounds;
+mod priority_buckets;
+
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -21,17 +25,17 @@ use rayon::prelude::*;
 
 use super::bounds::RangeMaxima;
 use super::brick_geometry::{BrickShape, VOXELS};
-use super::bricks::{Brick, RollBricks, Sums};
 use super::dispatch::on_widest;
 use super::grid::BrickGrid;
 use super::lanes::LANES;
-use super::octree_bounds::{Bounds, CLOSED, Octet, RollCubes};
 use super::power::{AddPower, power_shape};
-use super::priority_buckets::{Candidate, PriorityBuckets, candidates_of};
 use super::sweep_stack::{SweepRefusal, SweepStack, ls_step};
 use crate::Statistic;
 use crate::subaperture::MEAN_LOG_OF_NOISE;
 use crate::{Beam, Observation, SweepGeometry};
+use bricks::{Brick, RollBricks, Sums};
+use octree_bounds::{Bounds, CLOSED, Octet, RollCubes};
+use priority_buckets::{Candidate, PriorityBuckets, candidates_of};
 
 /// Parameters of a rolling image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -623,7 +627,7 @@ fn lanes_of(numbers: Range<u64>, slots: usize) -> Vec<(usize, u16)> {
 #[cfg(test)]
 mod tests {
     use super::super::brick_geometry::EDGE;
-    use super::super::octree_bounds::CubeIndex;
+    use super::octree_bounds::CubeIndex;
     use super::*;
     use crate::Volume;
     use crate::backprojection::dense_volume;

@@ -4,9 +4,8 @@
 use a121::{Frame, FrameLayout, SensorConfig, frame_timing, preset};
 use glam::DVec3;
 use num_complex::{Complex, Complex64};
-use radar_chaperone::settings::Settings;
 use radar_mapping::Event;
-use radar_mapping::{Mapper, Mode};
+use radar_mapping::{Mapper, MappingSettings, Mode};
 use radar_mapping::{ObserverCounters, range_axis};
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
@@ -81,11 +80,11 @@ fn sound_events(config: &SensorConfig, duration_s: f64, seed: u64) -> Vec<Event>
 }
 
 fn run(config: &SensorConfig, mode: Mode, events: &[Event]) -> Mapper {
-    let mut settings = Settings::default();
+    let mut settings = MappingSettings::default();
     settings.processing.mode = mode;
     settings.reflectors.voxel_m = 0.2;
     settings.reflectors.max_reflectors = 3;
-    let mut mapper = Mapper::new(config, &Pose::IDENTITY, &settings.mapping());
+    let mut mapper = Mapper::new(config, &Pose::IDENTITY, &settings);
     for event in events {
         // What is refused is counted.
         let _ = mapper.push(event.clone());
