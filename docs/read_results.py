@@ -4,7 +4,7 @@
     radar-chaperone replay walk.mcap --results results.mcap
     python docs/read_results.py results.mcap
 
-Prints a table of the topics; ends with an error at the first difference from docs/results.md. After
+Prints a table of the topics; ends with an error at the first difference from docs/results-format.md. After
 `pip install rerun-sdk`, `--rerun` also reads the file with Rerun and checks which component it makes of each topic.
 """
 

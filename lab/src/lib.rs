@@ -7,3 +7,4 @@
 pub mod baselines;
 pub mod experiments;
 pub mod inertial;
+pub mod results;

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use radar_sar::InstructionSet;
 
-use commands::{BenchmarkCommand, ExperimentCommand, PlaySessions};
+use commands::{BenchmarkCommand, ExperimentCommand, PlaySessions, ResultsCommand};
 
 /// Measures radar-chaperone: the thesis' experiments, run time against error, simulated play.
 #[derive(Debug, Parser)]
@@ -22,6 +22,7 @@ enum Command {
     Experiment(ExperimentCommand),
     Benchmark(BenchmarkCommand),
     Play(PlaySessions),
+    Results(ResultsCommand),
 }
 
 fn main() -> ExitCode {
@@ -31,6 +32,7 @@ fn main() -> ExitCode {
         Command::Experiment(command) => command.run(),
         Command::Benchmark(command) => command.run(),
         Command::Play(command) => command.run(),
+        Command::Results(command) => command.run(),
     });
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -10,6 +10,7 @@ mod common;
 mod faults;
 mod found;
 mod golden;
+mod links;
 mod physics;
 mod play_room;
 mod real_recordings;

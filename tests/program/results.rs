@@ -1,5 +1,5 @@
 //! A recording with results, read back with the published schemas: every topic holds what
-//! `docs/results.md` says.
+//! `docs/results-format.md` says.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -2,12 +2,14 @@
 //! plot.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use anyhow::Result;
 use clap::Args;
 
 use super::check_targets;
-use lab::experiments::{Benchmark, Plan, Row, present};
+use lab::experiments::{Benchmark, Plan, present};
+use lab::results::{Provenance, benchmark_page};
 use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
@@ -41,6 +43,7 @@ impl BenchmarkCommand {
     /// Trials that fail, files that cannot be written.
     pub fn run(&self) -> Result<()> {
         check_targets(self.json.as_deref(), self.out.as_deref(), &["benchmark.png", "benchmark.md"])?;
+        let start = Instant::now();
         let benchmark = Benchmark::new(if self.quick { Plan::quick() } else { Plan::full() })?;
         let bar = progress::bar(benchmark.cases() as u64, "measuring");
         let rows = benchmark.run(|row| {
@@ -53,8 +56,8 @@ impl BenchmarkCommand {
         outln!("{}", present::table(&rows).aligned())?;
         outln!("On {machine}. *: no other row of these recordings is both faster and nearer the truth.")?;
         if let Some(folder) = &self.out {
-            present::plot(&rows, &machine).draw().write(&folder.join("benchmark.png"))?;
-            write_atomically(&folder.join("benchmark.md"), markdown(&rows, &machine).as_bytes())?;
+            let command = if self.quick { "benchmark --quick --out DIR" } else { "benchmark --out DIR" };
+            benchmark_page(&rows, command)?.write(folder, "benchmark", &Provenance::here(), start.elapsed())?;
             outln!("Written to {}", folder.display())?;
         }
         if let Some(path) = &self.json {
@@ -64,16 +67,4 @@ impl BenchmarkCommand {
         }
         Ok(())
     }
-}
-
-fn markdown(rows: &[Row], machine: &str) -> String {
-    let front: Vec<Row> = rows.iter().filter(|row| row.on_front).cloned().collect();
-    format!(
-        "# Run time against error\n\nMade by `cargo run --release -p lab -- benchmark --out DIR` on {machine}. Time: one \
-         image, from raw sweeps to the place. Error: distance from the truth, median and 95th percentile over seeds. \
-         `adaptive`: the voxels of at least half of the peak; `peak`: the greatest alone; `window`, `rolling`: the newest sweeps, after every sweep, \
-         fresh or from the image before.\n\n![Run time against error](benchmark.png)\n\n## The front\n\n{}\n## All\n\n{}",
-        present::table(&front).markdown(),
-        present::table(rows).markdown()
-    )
 }

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use lab::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_markdown, experiments_report};
+use lab::results::{Page, Provenance};
 use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
@@ -42,22 +43,33 @@ impl ExperimentCommand {
             return EXPERIMENTS.iter().try_for_each(|one| outln!("{:<16}{} ({})", one.name, one.title, one.section));
         }
         let mut done: Vec<(&Experiment, Outcome)> = Vec::new();
+        let start = Instant::now();
         let bar = progress::bar(wanted.len() as u64 * STEPS, "");
         for (n, experiment) in wanted.iter().enumerate() {
             bar.set_message(format!("{} of {}: {}", n + 1, wanted.len(), experiment.name));
-            let start = Instant::now();
-            let told = |share: f64| bar.set_position(n as u64 * STEPS + (share * STEPS as f64) as u64);
-            told(0.0);
-            let outcome = experiment.run(self.seeds, &told)?;
-            bar.suspend(|| print_outcome(experiment, &outcome, start.elapsed().as_secs_f64()))?;
+            let began = Instant::now();
+            let report = |share: f64| bar.set_position(n as u64 * STEPS + (share * STEPS as f64) as u64);
+            report(0.0);
+            let outcome = experiment.run(self.seeds, &report)?;
+            bar.suspend(|| print_outcome(experiment, &outcome, began.elapsed().as_secs_f64()))?;
             write(&self.out.join(experiment.name), &outcome)?;
             done.push((experiment, outcome));
         }
         bar.finish_and_clear();
-        write_atomically(&self.out.join("report.md"), experiments_markdown(&done, self.seeds).as_bytes())?;
+        Page::new("The thesis' experiments repeated", &self.command()).markdown(&experiments_markdown(&done)).write(
+            &self.out,
+            "report",
+            &Provenance::here(),
+            start.elapsed(),
+        )?;
         let path = self.out.join("report.html");
         experiments_report(&done)?.write(&path)?;
         outln!("Written to {}", path.display())
+    }
+
+    /// What makes the same report.
+    fn command(&self) -> String {
+        format!("experiment {} --seeds {}", self.names.join(" "), self.seeds)
     }
 
     fn wanted(&self) -> Result<Vec<&'static Experiment>> {

@@ -3,6 +3,7 @@
 mod benchmark;
 mod experiment;
 mod play_sessions;
+mod results;
 
 use std::path::Path;
 
@@ -11,6 +12,7 @@ use anyhow::{Context, Result, bail};
 pub use benchmark::BenchmarkCommand;
 pub use experiment::ExperimentCommand;
 pub use play_sessions::PlaySessions;
+pub use results::ResultsCommand;
 
 /// Refuses targets that cannot be written, before minutes of work: `json` may not be one of the
 /// files that `out` will hold.

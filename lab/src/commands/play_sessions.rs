@@ -1,19 +1,20 @@
 //! `lab play`: simulated players in furnished rooms, and how well the warnings serve them.
 
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::json;
 
 use super::check_targets;
-use a121::{PRESETS, preset};
-use lab::experiments::{Figures, PlayTrial, by_kind, curve, play, totals};
+use a121::PRESETS;
+use lab::experiments::{PlayTrial, by_kind, totals};
+use lab::results::{Page, PlayOutcome, Provenance, curve_chart, curve_page_body, curve_table, played};
 use radar_chaperone::app::progress;
 use radar_chaperone::outln;
-use radar_chaperone::report::{Chart, Series, Table, write_atomically};
+use radar_chaperone::report::write_atomically;
 use radar_chaperone::settings::Settings;
-use radar_simulation::PlaySession;
 
 /// Simulates play sessions in furnished rooms and scores the warnings
 #[derive(Debug, Args)]
@@ -58,14 +59,6 @@ pub struct PlaySessions {
     set: Vec<String>,
 }
 
-/// Result of the sessions with one setting.
-struct PlayResult {
-    name: String,
-    preset: String,
-    odds: Option<f64>,
-    figures: Figures,
-}
-
 impl PlaySessions {
     /// Plays, prints the figures and writes them.
     ///
@@ -81,36 +74,35 @@ impl PlaySessions {
         let odds: Vec<Option<f64>> =
             if self.odds.is_empty() { vec![None] } else { self.odds.iter().copied().map(Some).collect() };
         let settings: Vec<Settings> = odds.iter().map(|odds| self.settings(&text, *odds)).collect::<Result<_>>()?;
-        let mut played = Vec::new();
+        let start = Instant::now();
+        let mut outcomes = Vec::new();
         for preset in &self.presets {
             for (odds, settings) in odds.iter().zip(&settings) {
-                played.push(self.play(preset, *odds, settings.clone())?);
+                outcomes.push(self.play(preset, *odds, settings.clone())?);
             }
         }
-        if played.len() > 1 {
-            outln!("{}", all_of(&played).aligned())?;
+        if outcomes.len() > 1 {
+            outln!("{}", curve_table(&outcomes).aligned())?;
         }
-        self.write(&played)
+        self.write(&outcomes, start.elapsed())
     }
 
     /// Plays every room with one setting.
-    fn play(&self, name: &str, odds: Option<f64>, settings: Settings) -> Result<PlayResult> {
+    fn play(&self, preset: &str, odds: Option<f64>, settings: Settings) -> Result<PlayOutcome> {
         let rooms = self.rooms.unwrap_or(if self.quick { 2 } else { 10 });
         let minutes = self.minutes.unwrap_or(if self.quick { 1.0 } else { 10.0 });
-        let config = preset(name).ok_or_else(|| anyhow!("there is no preset {name:?}"))?;
-        let session =
-            PlaySession { duration_s: 60.0 * minutes, walls_db: self.walls_db, ..PlaySession::new(config, self.seed) };
-        let trial = PlayTrial { session, settings, controllers: self.controllers };
         let seeds: Vec<u64> = (0..rooms).map(|n| self.seed.wrapping_add(n)).collect();
-        let (preset, name) = (name.to_owned(), odds.map_or(name.into(), |odds| format!("{name}, odds {odds}")));
+        let name = odds.map_or(preset.into(), |odds| format!("{preset}, odds {odds}"));
         let bar = progress::bar(rooms, &format!("playing with {name}"));
-        let each = play(&trial, &seeds, |_, _| bar.inc(1))?;
+        let adapt = |trial: &mut PlayTrial| {
+            trial.session.walls_db = self.walls_db;
+            trial.controllers = self.controllers;
+        };
+        let figures = played(preset, settings, &seeds, minutes, adapt, || bar.inc(1))?;
         bar.finish_and_clear();
-        let mut figures = Figures::default();
-        each.into_iter().for_each(|one| figures.add(one));
         outln!("{name}: {rooms} rooms of {minutes} min from seed {} on", self.seed)?;
         outln!("{}\n{}", by_kind(&figures).aligned(), totals(&figures).aligned())?;
-        Ok(PlayResult { name, preset, odds, figures })
+        Ok(PlayOutcome { name, preset: preset.into(), odds, figures })
     }
 
     fn settings(&self, text: &str, odds: Option<f64>) -> Result<Settings> {
@@ -119,17 +111,13 @@ impl PlaySessions {
         Ok(Settings::from_toml(text, &changes)?)
     }
 
-    fn write(&self, played: &[PlayResult]) -> Result<()> {
+    fn write(&self, played: &[PlayOutcome], took: Duration) -> Result<()> {
         if let Some(folder) = &self.out {
-            let path = folder.join("play.md");
-            write_atomically(&path, self.markdown(played).as_bytes())?;
-            if !self.odds.is_empty() {
-                chart(played).draw().write(&folder.join("play.png"))?;
-            }
-            outln!("Written to {}", path.display())?;
+            self.page(played)?.write(folder, "play", &Provenance::here(), took)?;
+            outln!("Written to {}", folder.join("play.md").display())?;
         }
         if let Some(path) = &self.json {
-            let rows = played.iter().map(|PlayResult { preset, odds, figures, .. }| {
+            let rows = played.iter().map(|PlayOutcome { preset, odds, figures, .. }| {
                 json!({"preset": preset, "confirm_odds": odds, "controllers": self.controllers, "walls_db": self.walls_db,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})
@@ -141,45 +129,19 @@ impl PlaySessions {
         Ok(())
     }
 
-    fn markdown(&self, played: &[PlayResult]) -> String {
-        let mut text = String::from("# Play sessions\n\nMade by `cargo run --release -p lab -- play --out DIR`.\n");
+    fn page(&self, played: &[PlayOutcome]) -> Result<Page> {
+        let arguments: Vec<String> = std::env::args().skip(2).collect();
+        let mut page = Page::new("Play sessions", &format!("play {}", arguments.join(" ")));
         if played.len() > 1 || !self.odds.is_empty() {
-            let all = all_of(played);
-            text += &format!("\n## All\n\n{}\n{}\n", all.markdown(), all.caption);
+            page = page.heading("All").markdown(&curve_page_body(played));
         }
         if !self.odds.is_empty() {
-            return text + "\n![Warned in time against reported where nothing is](play.png)\n";
+            let alt = "Warned in time against reported where nothing is";
+            return page.picture("play", alt, &curve_chart(played).draw());
         }
-        for PlayResult { name, figures, .. } in played {
-            let table = by_kind(figures);
-            text +=
-                &format!("\n## {name}\n\n{}\n{}\n\n{}", table.markdown(), table.caption, totals(figures).markdown());
+        for PlayOutcome { name, figures, .. } in played {
+            page = page.heading(name).table(&by_kind(figures)).table(&totals(figures));
         }
-        text
+        Ok(page)
     }
-}
-
-fn all_of(played: &[PlayResult]) -> Table {
-    curve(played.iter().map(|played| (played.name.as_str(), &played.figures)))
-}
-
-/// A curve for each preset.
-fn chart(played: &[PlayResult]) -> Chart {
-    let of_preset = |of: &[PlayResult]| Series {
-        name: of[0].preset.clone(),
-        points: of.iter().map(|played| point(&played.figures)).collect(),
-        joined: true,
-    };
-    Chart {
-        title: "Play: warned in time against reported where nothing is".into(),
-        x_label: "reported where nothing is, within 1 m of the body (a minute)".into(),
-        y_label: "warned in time (%)".into(),
-        series: played.chunk_by(|a, b| a.preset == b.preset).map(of_preset).collect(),
-        ..Chart::default()
-    }
-}
-
-fn point(figures: &Figures) -> [f64; 2] {
-    let things = figures.without_walls().rates();
-    [figures.rates().false_near_per_min, 100.0 * things.warned as f64 / things.due as f64]
 }

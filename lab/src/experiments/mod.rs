@@ -1,7 +1,11 @@
 //! Experiments: the whole processing chain on simulated data, scored against the truth and timed.
 
+pub mod accuracy;
 mod benchmark;
 mod classifier_training;
+mod live_latency;
+mod noise_alarms;
+mod pipeline_cost;
 mod play;
 mod room_noise;
 mod thesis;
@@ -9,6 +13,9 @@ mod trial_recording;
 
 pub use benchmark::{Benchmark, BenchmarkError, Case, Plan, Row, Search, present};
 pub use classifier_training::TrainingSet;
+pub use live_latency::LiveLatency;
+pub use noise_alarms::NoiseAlarms;
+pub use pipeline_cost::PipelineCost;
 pub use play::{
     Approach, Cause, FalseReport, Figures, PlayError, PlayTrial, Rates, RemovalOutcome, by_kind, curve, play, totals,
 };

@@ -5,6 +5,7 @@ mod benchmark;
 #[allow(dead_code)]
 mod common;
 mod experiment;
+mod results;
 
 /// The program under test.
 const PROGRAM: &str = env!("CARGO_BIN_EXE_lab");

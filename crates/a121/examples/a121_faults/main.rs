@@ -7,7 +7,7 @@
 //!     cargo run --release -p a121 --features simulated-board --example a121_faults -- \
 //!         [TIMES] [SEED] [FILE.md]
 //!
-//! By default 1000 times each with seed 1; docs/faults.md is made with both defaults.
+//! By default 1000 times each with seed 1; docs/results/faults.md is made with both defaults.
 
 mod trial;
 
@@ -78,8 +78,8 @@ fn row(fault: Fault, outcomes: &[Outcome]) -> String {
 
 const HEAD: &str = "# Faults on the sensor's line
 
-Made by `cargo run --release -p a121 --features simulated-board --example a121_faults -- TIMES SEED docs/faults.md`: sessions
-with a simulated board (XC120 over USB and TCP, one and three sensors; XM125 at 2 Mbaud; SparkFun's at 115 200 baud), in
+Made by `cargo run --release -p a121 --features simulated-board --example a121_faults -- TIMES SEED docs/results/faults.md`:
+sessions with a simulated board (XC120 over USB and TCP, one and three sensors; XM125 at 2 Mbaud; SparkFun's at 115 200 baud), in
 simulated time. Each session meets one fault at a random time: three in ten before streaming, with the reply to one of the
 commands, six in ten while frames are streamed, one in ten while the session stops. Every delivered frame is compared with what
 the board sent with that tick, bit for bit, and its time with the true end of its measurement.

@@ -204,7 +204,7 @@ mod tests {
             files.dedup();
             assert_eq!(files.len(), outcome.files.len(), "a name a file");
         }
-        let text = markdown(&done, 2);
+        let text = markdown(&done);
         assert!(ALL.iter().all(|experiment| text.contains(&format!("\n## {}\n", experiment.title))));
         let page = report(&done).unwrap().html();
         assert!(

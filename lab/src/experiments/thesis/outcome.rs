@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{ALL, Experiment};
+use super::Experiment;
 use radar_chaperone::report::{
     Figure, Picture, Report, ReportError, Section, Table, VolumeInfo, ply_bytes, volume_bytes,
 };
@@ -115,14 +115,9 @@ impl Outcome {
     }
 }
 
-/// Findings and tables as Markdown, without pictures.
-pub fn markdown(done: &[(&Experiment, Outcome)], seeds: u64) -> String {
-    let names: Vec<&str> = done.iter().map(|(experiment, _)| experiment.name).collect();
-    let names = if names.len() == ALL.len() { "all".to_owned() } else { names.join(" ") };
-    let mut text = "# The thesis' experiments repeated\n".to_owned();
-    text += &format!(
-        "\nMade by `cargo run --release -p lab -- experiment {names} --seeds {seeds}`, as report.md of its folder.\n"
-    );
+/// Findings and tables as Markdown, a section each, without pictures.
+pub fn markdown(done: &[(&Experiment, Outcome)]) -> String {
+    let mut text = String::new();
     for (experiment, outcome) in done {
         let Experiment { name, title, section, .. } = experiment;
         text += &format!("\n## {title}\n\nThesis, section {section}; `experiment {name}`. {}\n", outcome.procedure);
@@ -165,22 +160,4 @@ pub fn report(done: &[(&Experiment, Outcome)]) -> Result<Report, ReportError> {
         report = report.section(section);
     }
     Ok(report)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn report_states_the_command_that_made_it() {
-        let done = |count: usize| ALL.iter().take(count).map(|one| (one, Outcome::default())).collect::<Vec<_>>();
-        let third = |text: String| text.lines().nth(2).unwrap_or_default().to_owned();
-        let line = |what: &str| {
-            format!("Made by `cargo run --release -p lab -- experiment {what}`, as report.md of its folder.")
-        };
-        assert_eq!(third(markdown(&done(2), 3)), line(&format!("{} {} --seeds 3", ALL[0].name, ALL[1].name)));
-        assert_eq!(third(markdown(&done(ALL.len()), 6)), line("all --seeds 6"));
-        let docs = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/experiments.md")).unwrap();
-        assert_eq!(third(docs), line("all --seeds 6"));
-    }
 }

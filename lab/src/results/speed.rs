@@ -1,0 +1,85 @@
+//! The page of processor time and latency.
+
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+
+use super::{Extent, Page};
+use crate::experiments::{LiveLatency, PipelineCost};
+use radar_chaperone::report::Table;
+use radar_chaperone::settings::Settings;
+use radar_sar::InstructionSet;
+
+const SCENES: [&str; 2] = ["furnished-room", "empty-room"];
+/// As `RADAR_CHAPERONE_INSTRUCTIONS` and this page name them.
+const INSTRUCTION_SETS: [(&str, &str, InstructionSet); 3] = [
+    ("avx512", "AVX-512", InstructionSet::Avx512),
+    ("avx2", "AVX2", InstructionSet::Avx2),
+    ("portable", "plain instructions", InstructionSet::Portable),
+];
+
+pub(super) fn page(extent: Extent) -> Result<Page> {
+    let duration_s = extent.choose(30.0, 2.0);
+    let mut page = Page::new("Speed", "")
+        .text(
+            "Simulated natural play, preset d16. A share of a core is processor time of all threads over the length of \
+             the recording; each stage is repeated three times and the shortest counts. Nothing else was running.",
+        )
+        .heading("The whole pipeline by instruction set")
+        .text("From frames and poses to the scene, on one thread. `RADAR_CHAPERONE_INSTRUCTIONS` limits the set.")
+        .table(&by_instruction_set(extent, duration_s)?)
+        .heading("Stages");
+    for scene in SCENES {
+        let cost = PipelineCost { scene: scene.into(), duration_s, seed: 500, settings: Settings::default() };
+        page = page.table(&cost.table(false)?);
+    }
+    let session = LiveLatency { duration_s: extent.choose(120.0, 2.0), ..LiveLatency::default() };
+    Ok(page
+        .heading("Latency beside a frame loop")
+        .text(
+            "In real time: a furnished room, frames arrive 2 ms after their end, poses and display frames 90 times a \
+             second; the frame loop takes the newest scene and computes its warnings at every display frame.",
+        )
+        .table(&session.table())
+        .heading("More")
+        .text(
+            "`cargo bench -p radar-sar` measures backprojection in updates (one voxel, one sweep) per second, `cargo \
+             bench -p lab` the adaptive search and the rolling image.",
+        ))
+}
+
+/// Shares of a core of the whole pipeline, one row per instruction set that this processor has. An
+/// instruction set is chosen once per process, so each is measured in a process of its own.
+fn by_instruction_set(extent: Extent, duration_s: f64) -> Result<Table> {
+    let own = std::env::current_exe().context("cannot find this program's file")?;
+    let mut rows = Vec::new();
+    let of_processor = InstructionSet::of_processor();
+    for (name, title, _) in
+        INSTRUCTION_SETS.into_iter().filter(|(.., set)| *set <= of_processor).take(extent.choose(3, 1))
+    {
+        let mut row = vec![title.to_owned()];
+        for scene in SCENES {
+            let done = Command::new(&own)
+                .env("RADAR_CHAPERONE_INSTRUCTIONS", name)
+                .args(["results", "--whole-pipeline", scene, "--seconds", &duration_s.to_string()])
+                .output()
+                .with_context(|| format!("cannot run {}", own.display()))?;
+            ensure!(done.status.success(), "with {name}: {}", String::from_utf8_lossy(&done.stderr));
+            row.push(String::from_utf8_lossy(&done.stdout).trim().to_owned());
+        }
+        rows.push(row);
+    }
+    let head = ["instruction set", "furnished room, % of a core", "empty room, % of a core"];
+    Ok(Table { head: head.map(str::to_owned).to_vec(), rows, caption: String::new() })
+}
+
+/// Share of a core of the whole pipeline, percent.
+///
+/// # Errors
+/// There is no such scene.
+pub fn whole_pipeline_share(scene: &str, duration_s: f64) -> Result<String> {
+    let cost = PipelineCost { scene: scene.into(), duration_s, seed: 500, settings: Settings::default() };
+    let table = cost.table(true)?;
+    let whole = table.rows.last().context("the whole mapper is timed")?;
+    Ok(whole[1].clone())
+}
