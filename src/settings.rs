@@ -1,10 +1,15 @@
 //! All settings, named as in the TOML file and in `--set`.
 
+mod renamed;
+
 use radar_mapping::{
     MappingSettings, MappingSettingsError, ProcessingSettings, RadarSettings, ReflectorSettings, RoomMapperSettings,
     TrackingSettings,
 };
+use radar_sar::{BoundedSettings, SettingBound, SettingOutOfBounds, bounds};
 use serde::{Deserialize, Serialize};
+
+use renamed::{put, with_present_names};
 
 use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
 
@@ -20,21 +25,9 @@ pub enum SettingsError {
     /// `--set` without a value.
     #[error("--set {0}: write it as name=value, for example --set tracking.time_offset_s=0.02")]
     NoValue(String),
-    /// A name that leads through something that is not a table.
-    #[error("--set {0}: there is no setting of that name")]
-    NoSuchName(String),
     /// A value outside its bounds.
-    #[error("setting {name} is {value}: it must lie in {min} to {max}")]
-    OutOfRange {
-        /// Name of the setting.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-        /// Least allowed value.
-        min: f64,
-        /// Greatest allowed value.
-        max: f64,
-    },
+    #[error(transparent)]
+    OutOfBounds(#[from] SettingOutOfBounds),
     /// A setting of mapping outside its bounds.
     #[error(transparent)]
     Mapping(#[from] MappingSettingsError),
@@ -126,6 +119,13 @@ pub struct HeadsetSettings {
     pub threads: usize,
 }
 
+impl BoundedSettings for HeadsetSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        poses_hz: 0.0, 1000.0;
+        threads: 0.0, 256.0;
+    ];
+}
+
 impl Default for HeadsetSettings {
     fn default() -> Self {
         Self {
@@ -177,11 +177,13 @@ impl Settings {
     /// # Errors
     /// As [`Settings::from_toml`].
     pub fn from_layers(below: toml::Table, text: &str, changes: &[String]) -> Result<Self, SettingsError> {
-        let mut table = below;
-        merge_over(&mut table, toml::from_str(text)?);
+        let mut table = with_present_names(below);
+        merge_over(&mut table, with_present_names(toml::from_str(text)?));
         for change in changes {
             let (name, value) = change.split_once('=').ok_or_else(|| SettingsError::NoValue(change.clone()))?;
-            set(&mut table, change, name.trim(), parsed(value.trim()))?;
+            let mut changed = toml::Table::new();
+            put(&mut changed, name.trim(), parsed(value.trim()));
+            merge_over(&mut table, with_present_names(changed));
         }
         let settings: Self = toml::Value::Table(table).try_into()?;
         settings.check()?;
@@ -196,17 +198,8 @@ impl Settings {
     }
 
     fn check(&self) -> Result<(), SettingsError> {
-        let bounded = [
-            ("cues.volume", self.cues.volume, 0.0, 1.0),
-            ("cues.pulse_strength", self.cues.pulse_strength, 0.0, 1.0),
-            ("headset.poses_hz", self.headset.poses_hz, 0.0, 1000.0),
-            ("headset.threads", self.headset.threads as f64, 0.0, 256.0),
-        ];
-        for (name, value, min, max) in bounded {
-            if !(min..=max).contains(&value) {
-                return Err(SettingsError::OutOfRange { name, value, min, max });
-            }
-        }
+        self.cues.check_bounds("cues")?;
+        self.headset.check_bounds("headset")?;
         self.mapping().check()?;
         Ok(self.warning.check()?)
     }
@@ -235,25 +228,6 @@ fn parsed(value: &str) -> toml::Value {
     table.and_then(|mut t| t.remove("v")).unwrap_or_else(|| toml::Value::String(value.into()))
 }
 
-fn set(table: &mut toml::Table, change: &str, name: &str, value: toml::Value) -> Result<(), SettingsError> {
-    match name.split_once('.') {
-        None => {
-            // Integers are accepted for floating-point settings.
-            let value = match (&value, table.get(name)) {
-                (toml::Value::Integer(n), Some(toml::Value::Float(_))) => toml::Value::Float(*n as f64),
-                _ => value,
-            };
-            table.insert(name.into(), value);
-            Ok(())
-        }
-        Some((first, rest)) => {
-            let inner = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
-            let inner = inner.as_table_mut().ok_or_else(|| SettingsError::NoSuchName(change.into()))?;
-            set(inner, change, rest, value)
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use radar_mapping::Mode;
@@ -277,7 +251,7 @@ mod tests {
         assert_eq!(with("radar.beam=thesis").unwrap().radar.beam, Beam::Thesis);
         assert_eq!(with("processing.mode=rooms").unwrap().processing.mode, Mode::Rooms);
         assert_eq!(with("reflectors.max_sweeps=50").unwrap().reflectors.max_sweeps, 50);
-        assert_eq!(with("rooms.blocks.max_range_m=2").unwrap().rooms.blocks.max_range_m, 2.0);
+        assert_eq!(with("rooms.subapertures.max_range_m=2").unwrap().rooms.subapertures.max_range_m, 2.0);
     }
 
     #[test]
@@ -292,7 +266,7 @@ mod tests {
     #[test]
     fn invalid_settings_state_the_reason() {
         for (change, says) in [
-            ("rooms.blocks.voxel_m=0", "rooms.blocks.voxel_m is 0"),
+            ("rooms.subapertures.voxel_m=0", "rooms.subapertures.voxel_m is 0"),
             ("tracking.time_offset_s=nan", "time_offset_s is NaN"),
             ("warnings=1", "unknown field `warnings`"),
             ("radar.beam=laser", "laser"),
@@ -333,19 +307,25 @@ mod tests {
 
     #[test]
     fn unreachable_confirmation_is_rejected() {
-        for change in
-            ["rooms.map.confirm_sightings=5", "rooms.map.confirm_wall_sightings=9", "rooms.explain.max_sigma_m=-1"]
-        {
+        for change in [
+            "rooms.tracks.confirm_observations=5",
+            "rooms.tracks.confirm_wall_observations=9",
+            "rooms.clean.max_sigma_m=-1",
+        ] {
             assert!(with(change).is_err(), "{change}");
         }
-        assert!(with("rooms.map.confirm_wall_sightings=4").is_ok());
+        assert!(with("rooms.tracks.confirm_wall_observations=4").is_ok());
     }
 
     #[test]
     fn closest_name_is_suggested() {
         let told = |change: &str| with(change).expect_err(change).to_string();
         assert!(told("warning.fade_distance=2").ends_with("Did you mean `fade_distance_m`?"));
-        assert!(told("room.blocks.voxel_m=2").ends_with("Did you mean `rooms`?"), "{}", told("room.blocks.voxel_m=2"));
+        assert!(
+            told("room.subapertures.voxel_m=2").ends_with("Did you mean `rooms`?"),
+            "{}",
+            told("room.subapertures.voxel_m=2")
+        );
         assert!(!told("xyz=2").contains("Did you mean"), "{}", told("xyz=2"));
     }
 

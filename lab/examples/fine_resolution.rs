@@ -59,7 +59,7 @@ fn blocks(seed: u64) -> (Vec<Subaperture>, DVec3) {
         time_offset_s: 0.0,
     };
     let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
-    let mut builder = SubapertureBuilder::new(settings.rooms.blocks);
+    let mut builder = SubapertureBuilder::new(settings.rooms.subapertures);
     let mut blocks: Vec<Subaperture> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
     blocks.extend(builder.close());
     (blocks, simulated.truth.obstacles[0].points_m[0])

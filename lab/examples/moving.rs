@@ -1,7 +1,7 @@
 //! Accuracy of moving targets (people crossing a room) in play sessions.
 //!
 //!     cargo run --release -p lab --example moving -- [FIRST..END] [--seconds=20] [--preset=d16] \
-//!         [--controllers] [--no-visitor] [--no-hands] [--each] [rooms.moving.confirm_blocks=4 …]
+//!         [--controllers] [--no-visitor] [--no-hands] [--each] [rooms.moving.confirm_subapertures=4 …]
 //!
 //! Each session is processed into sub-apertures and moving targets only, without the rest of the
 //! program. Counted per sub-aperture: how often a person in the beam (two-way amplitude 0.25)
@@ -95,7 +95,7 @@ fn play(session: &Session, options: &Options, figures: &mut Figures) {
             time_offset_s: 0.0,
         },
     );
-    let mut builder = SubapertureBuilder::new(settings.rooms.blocks);
+    let mut builder = SubapertureBuilder::new(settings.rooms.subapertures);
     let mut watch = SessionMonitor::new(session, options);
     let batch = (4.0 / frame_timing(&play.config).frame_period_s) as u64;
     let mut frames = Vec::new().into_iter().peekable();
@@ -140,7 +140,7 @@ impl<'a> SessionMonitor<'a> {
             session,
             options,
             tracks: MovingTargetTracker::new(moving, &session.play().beam),
-            finder: MtiFilter::new(&session.play().beam, moving.alarms_per_block),
+            finder: MtiFilter::new(&session.play().beam, moving.alarms_per_subaperture),
             hands: HandTrail::default(),
             came_s: None,
             false_ids: Vec::new(),
@@ -156,7 +156,7 @@ impl<'a> SessionMonitor<'a> {
 
     fn take(&mut self, block: &Subaperture, figures: &mut Figures) {
         let start_s = cpu_s();
-        self.tracks.push(block, &self.hands, self.options.settings.rooms.map.hands_reach_m);
+        self.tracks.push(block, &self.hands, self.options.settings.rooms.tracks.hands_reach_m);
         figures.cost_s += cpu_s() - start_s;
         let time_s = (block.mid_time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
         let sensor = self.session.sensor_at(time_s);

@@ -2,7 +2,7 @@
 //!
 //!     cargo run --release -p lab --example play -- [FIRST..END] [--minutes=10] [--preset=d16] \
 //!         [--controllers] [--walls-db=20] [--no-hands] [--silent-hands] \
-//!         [--no-visitor] [--square] [--each] [rooms.map.confirm_score=6 …]
+//!         [--no-visitor] [--square] [--each] [rooms.tracks.confirm_score=6 …]
 
 use std::time::Instant;
 

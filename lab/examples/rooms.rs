@@ -2,7 +2,7 @@
 //! table is `lab results rooms`.
 //!
 //!     cargo run --release -p lab --example rooms -- [FIRST..END] [SCENE] [--each] \
-//!         [--poses-hz=250] [rooms.explain.min_score=3 …]
+//!         [--poses-hz=250] [rooms.clean.min_score=3 …]
 //!
 //! Settings are named as in `--set`; `--each` prints every score in full.
 

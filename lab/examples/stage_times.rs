@@ -2,7 +2,7 @@
 //! settings. The documented table is `lab results speed`.
 //!
 //!     cargo run --release -p lab --example stage_times -- [SECONDS] [SEED] [SCENE …] [whole] \
-//!         [rooms.blocks.memory_s=2 …]
+//!         [rooms.subapertures.decay_s=2 …]
 //!
 //! Defaults: 10 s, seed 500, a furnished and an empty room. With `whole` only the mapper is timed.
 

@@ -315,7 +315,7 @@ fn volume(image: Image, file: &Path, settings: &Settings, mapper: &Mapper, truth
         }
         Image::Subaperture | Image::Found => {
             // All sub-apertures have the same weight: the picture covers the whole recording.
-            let blocks = radar_sar::subaperture::SubapertureSettings { memory_s: 100.0, ..settings.rooms.blocks };
+            let blocks = radar_sar::subaperture::SubapertureSettings { decay_s: 100.0, ..settings.rooms.subapertures };
             subaperture_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
         }
     })

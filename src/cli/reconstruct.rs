@@ -160,7 +160,7 @@ impl Reconstruct {
             if adaptive {
                 bail!("--search adaptive does not serve blocks: leave it out");
             }
-            let volume = subaperture_volume(sweeps, beam, &settings.rooms.blocks, region, self.voxel_m);
+            let volume = subaperture_volume(sweeps, beam, &settings.rooms.subapertures, region, self.voxel_m);
             let updates = (volume.values.len() * sweeps.len()) as u64;
             return Ok(Computed { volume, updates, extra });
         }

@@ -43,7 +43,7 @@ pub struct RecordingInfo {
 impl RecordingInfo {
     /// For a recording and the settings with which it is processed.
     pub fn new(header: &Header, settings: &Settings, search: MapperKind, expected_s: f64) -> Self {
-        let (beam, blocks) = (&settings.radar.beam, &settings.rooms.blocks);
+        let (beam, blocks) = (&settings.radar.beam, &settings.rooms.subapertures);
         let sensor_m = ranges_m(&header.config);
         let (min_cos, ranges_m) = match search {
             MapperKind::Rooms => {
@@ -64,7 +64,7 @@ impl RecordingInfo {
             subsweeps: header.config.subsweeps.len().max(1),
             sweeps_per_s: f64::from(header.config.sweeps_per_frame) / frame_timing(&header.config).frame_period_s,
             search,
-            confirm_score: settings.rooms.map.confirm_score,
+            confirm_score: settings.rooms.tracks.confirm_score,
             truth: header.truth.clone(),
             warning: settings.warning.clone(),
         }

@@ -10,6 +10,7 @@
 use std::sync::LazyLock;
 
 use glam::DVec3;
+use radar_sar::{BoundedSettings, SettingBound, bounds};
 use serde::{Deserialize, Serialize};
 
 use super::panel::{Panel, Warnings};
@@ -63,6 +64,13 @@ pub struct CueSettings {
     pub pulse: bool,
     /// Strength of the pulses, 0 to 1.
     pub pulse_strength: f64,
+}
+
+impl BoundedSettings for CueSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        volume: 0.0, 1.0;
+        pulse_strength: 0.0, 1.0;
+    ];
 }
 
 impl Default for CueSettings {

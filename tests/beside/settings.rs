@@ -71,7 +71,7 @@ fn settings_changes_apply_at_once_and_invalid_ones_are_ignored() {
     wait_for_hue(&rig, number, 'r');
     fs::write(&file, color("[255, 0, 0]") + "[headset]\nwarnings = false\n").unwrap();
     rig.wait_report("no warning", |report| report["visible"] == 0);
-    fs::write(&file, color("[0, 255, 0]") + "[rooms.map]\nconfirm_score = 6.0\n").unwrap();
+    fs::write(&file, color("[0, 255, 0]") + "[rooms.tracks]\nconfirm_score = 6.0\n").unwrap();
     wait_for_hue(&rig, number, 'g');
 
     let ended = program.interrupt();

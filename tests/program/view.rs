@@ -57,7 +57,7 @@ fn settings_apply_to_the_view() {
     let folder = Folder::new("view-settings");
     recorded(&folder);
     // Nothing is ever confirmed.
-    let line = "replay room.mcap --view-shot shots --out out --set rooms.map.confirm_score=1000";
+    let line = "replay room.mcap --view-shot shots --out out --set rooms.tracks.confirm_score=1000";
     let Some(_) = drawn(&folder, line) else { return };
     assert_eq!(folder.json("out/obstacles.json")["obstacles"].as_array().unwrap().len(), 0);
     assert!(folder.read("shots/overview.png").len() > 10_000);

@@ -30,8 +30,8 @@ use masks::Mask;
 pub(super) use masks::hand_masks;
 use radar_sar::Beam;
 use radar_sar::geometry::Plane;
-use radar_sar::math;
 use radar_sar::subaperture::{Subaperture, SubapertureSettings};
+use radar_sar::{BoundedSettings, SettingBound, bounds, math};
 use scoring::{Score, WeightedResponse, amplitude_spread_of, robust_score};
 
 /// Parameters of CLEAN.
@@ -49,16 +49,16 @@ pub struct CleanSettings {
     /// Most candidates per update; the ones with the highest scores are used.
     pub max_candidates: usize,
     /// Least number of sub-apertures that a plane must have been seen in.
-    pub plane_min_blocks: u32,
+    pub plane_min_subapertures: u32,
     /// Least score of a plane detection.
     pub plane_min_score: f64,
     /// Least half-width of a mask in range, metres.
-    pub claim_range_m: f64,
+    pub mask_range_m: f64,
     /// Half-width of a mask in cosine, in units of λ/2L, where L is the sub-aperture's aperture.
-    pub claim_lobes: f64,
+    pub mask_lobes: f64,
     /// Evidence that a point loses for the squared deviation, in e-folds, of each sub-aperture's
     /// implied reflected power from their mean.
-    pub uneven_cost: f64,
+    pub amplitude_spread_cost: f64,
     /// A point is observable when its 1σ, all directions together, is at most this, metres.
     pub max_sigma_m: f64,
     /// A plane is observable when the feet of its perpendiculars spread by at least this, rms,
@@ -68,6 +68,23 @@ pub struct CleanSettings {
     pub min_over_point: f64,
 }
 
+impl BoundedSettings for CleanSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        window_s: 0.5, 20.0;
+        min_score: 0.0, 1e6;
+        min_candidate_score: 0.0, 1e6;
+        max_candidates: 1.0, 1e4;
+        plane_min_subapertures: 1.0, 1e4;
+        plane_min_score: 0.0, 1e6;
+        mask_range_m: 0.0, 10.0;
+        mask_lobes: 0.0, 1e3;
+        amplitude_spread_cost: 0.0, 1e6;
+        max_sigma_m: 0.01, 10.0;
+        min_feet_rms_m: 0.0, 10.0;
+        min_over_point: -1e6, 1e6;
+    ];
+}
+
 impl Default for CleanSettings {
     fn default() -> Self {
         Self {
@@ -75,11 +92,11 @@ impl Default for CleanSettings {
             min_score: 2.5,
             min_candidate_score: 2.5,
             max_candidates: 400,
-            plane_min_blocks: 13,
+            plane_min_subapertures: 13,
             plane_min_score: 14.0,
-            claim_range_m: 0.15,
-            claim_lobes: 1.5,
-            uneven_cost: 1.0,
+            mask_range_m: 0.15,
+            mask_lobes: 1.5,
+            amplitude_spread_cost: 1.0,
             max_sigma_m: 0.25,
             min_feet_rms_m: 0.1,
             min_over_point: 2.0,
@@ -140,7 +157,7 @@ pub struct CleanWindow<'a> {
     block_settings: &'a SubapertureSettings,
     beam: &'a Beam,
     min_cos: f64,
-    mirror_min_cos: f64,
+    plane_min_cos: f64,
     cache: &'a mut ResponseCache,
 }
 
@@ -185,14 +202,14 @@ impl<'a> CleanWindow<'a> {
         beam: &'a Beam,
         cache: &'a mut ResponseCache,
     ) -> Self {
-        let (min_cos, mirror_min_cos) = (block_settings.min_cos(beam), block_settings.mirror_min_cos(beam));
+        let (min_cos, plane_min_cos) = (block_settings.min_cos(beam), block_settings.plane_min_cos(beam));
         let blocks: Vec<_> = blocks.collect();
         let newest_ns = blocks.last().map_or(0, |b| b.mid_time_ns);
         let age_s = |b: &&Subaperture| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
-        let weights = blocks.iter().map(|b| math::exp(-age_s(b) / block_settings.memory_s)).collect();
+        let weights = blocks.iter().map(|b| math::exp(-age_s(b) / block_settings.decay_s)).collect();
         cache.begin_update(&blocks);
         let masks = blocks.iter().map(|block| hand_masks(block, hands)).collect();
-        Self { masks, weights, blocks, settings, block_settings, beam, min_cos, mirror_min_cos, cache }
+        Self { masks, weights, blocks, settings, block_settings, beam, min_cos, plane_min_cos, cache }
     }
 
     /// Detects points alone.

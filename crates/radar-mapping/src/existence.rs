@@ -26,46 +26,60 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::responses::Response;
-use radar_sar::math;
 use radar_sar::subaperture::Subaperture;
+use radar_sar::{BoundedSettings, SettingBound, bounds, math};
 
 /// Parameters of the existence model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExistenceSettings {
     /// Log odds that a new object must reach to be confirmed.
-    pub confirm: f64,
+    pub confirm_log_odds: f64,
     /// Share of the classifier's log odds that a new object begins with.
-    pub newly: f64,
+    pub initial_share: f64,
     /// Greatest log odds: bounds the evidence needed to remove an object that was seen for long.
-    pub most: f64,
+    pub max_log_odds: f64,
     /// Probability of detection from a sector that it was seen from, 0 to 1, before it is learned.
-    pub familiar: f64,
-    /// Weight of `familiar` as a prior, in sub-apertures that should see the object from a sector.
-    pub familiar_blocks: f64,
+    pub detection_seen_side: f64,
+    /// Weight of `detection_seen_side` as a prior, in sub-apertures that should see the object from a sector.
+    pub detection_prior_subapertures: f64,
     /// Probability of detection from a sector that it was never seen from, 0 to 1.
-    pub unfamiliar: f64,
+    pub detection_new_side: f64,
     /// Log odds lost in every sub-aperture that would see it if there were no clutter.
-    pub leak: f64,
+    pub loss: f64,
     /// The same in sub-apertures where something else masks its echo.
-    pub shadow_leak: f64,
+    pub masked_loss: f64,
     /// Log odds left to a neighbour of a removed object, unless it was seen since. A neighbour that
     /// has no more than this is removed too.
-    pub beside: f64,
+    pub neighbour_log_odds: f64,
+}
+
+impl BoundedSettings for ExistenceSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        confirm_log_odds: -100.0, 100.0;
+        initial_share: 0.0, 100.0;
+        max_log_odds: 0.1, 100.0;
+        detection_seen_side: 0.0, 0.99;
+        detection_prior_subapertures: 0.0, 1e9;
+        detection_new_side: 0.0, 0.99;
+        loss: 0.0, 1e3;
+        masked_loss: 0.0, 1e3;
+        neighbour_log_odds: 0.0, 100.0;
+    ];
 }
 
 impl Default for ExistenceSettings {
     fn default() -> Self {
         Self {
-            confirm: 3.0,
-            newly: 1.0,
-            most: 4.0,
-            familiar: 0.5,
-            familiar_blocks: 8.0,
-            unfamiliar: 0.2,
-            leak: 0.02,
-            shadow_leak: 0.1,
-            beside: 1.0,
+            confirm_log_odds: 3.0,
+            initial_share: 1.0,
+            max_log_odds: 4.0,
+            detection_seen_side: 0.5,
+            detection_prior_subapertures: 8.0,
+            detection_new_side: 0.2,
+            loss: 0.02,
+            masked_loss: 0.1,
+            neighbour_log_odds: 1.0,
         }
     }
 }
@@ -184,10 +198,10 @@ impl Existence {
     }
 
     /// A neighbour has been removed. Unless this object was seen since then its log odds drop to
-    /// `settings.beside`, and to 0 if they were no greater already.
+    /// `settings.neighbour_log_odds`, and to 0 if they were no greater already.
     pub fn weaken(&mut self, since_ns: i64, settings: &ExistenceSettings) {
         if self.last_support_ns < since_ns {
-            self.log_odds = if self.log_odds > settings.beside { settings.beside } else { 0.0 };
+            self.log_odds = if self.log_odds > settings.neighbour_log_odds { settings.neighbour_log_odds } else { 0.0 };
         }
     }
 
@@ -198,17 +212,17 @@ impl Existence {
         let (strength, p_detect) = self.expected_return(side, settings);
         let would_be_seen = strength * response.gain >= MIN_DETECTABLE_POWER;
         let change = match likelihood.is_masked {
-            true if would_be_seen => -settings.shadow_leak,
+            true if would_be_seen => -settings.masked_loss,
             true => 0.0,
             false => {
                 let ratio = response.likelihood_ratio(strength);
-                let leak = if would_be_seen { settings.leak } else { 0.0 };
+                let loss = if would_be_seen { settings.loss } else { 0.0 };
                 self.learn(side, response, response.expected_m(strength));
-                math::ln(p_detect * ratio + 1.0 - p_detect).min(MAX_LOG_ODDS_PER_SUBAPERTURE) - leak
+                math::ln(p_detect * ratio + 1.0 - p_detect).min(MAX_LOG_ODDS_PER_SUBAPERTURE) - loss
             }
         };
-        self.log_odds = (self.log_odds + change).clamp(MIN_LOG_ODDS, settings.most);
-        self.reached_max_log_odds |= self.log_odds >= settings.most;
+        self.log_odds = (self.log_odds + change).clamp(MIN_LOG_ODDS, settings.max_log_odds);
+        self.reached_max_log_odds |= self.log_odds >= settings.max_log_odds;
         change
     }
 
@@ -230,16 +244,16 @@ impl Existence {
         let beside = [side, (side + 1) % AZIMUTH_SECTORS, (side + AZIMUTH_SECTORS - 1) % AZIMUTH_SECTORS]
             .map(|n| self.strengths[n]);
         if beside[0] > 0.0 {
-            let before = settings.familiar_blocks;
-            let p_detect =
-                (self.hits[side] + settings.familiar * before) / (self.opportunities[side] + before).max(1e-9);
+            let before = settings.detection_prior_subapertures;
+            let p_detect = (self.hits[side] + settings.detection_seen_side * before)
+                / (self.opportunities[side] + before).max(1e-9);
             return (beside[0], p_detect.clamp(P_DETECT_BOUNDS.0, P_DETECT_BOUNDS.1));
         }
         let near = beside[1].max(beside[2]);
         if near > 0.0 {
-            return (near * 0.5, 0.5 * (settings.familiar + settings.unfamiliar));
+            return (near * 0.5, 0.5 * (settings.detection_seen_side + settings.detection_new_side));
         }
-        (self.greatest_strength() * UNSEEN_SECTOR_POWER_SHARE, settings.unfamiliar)
+        (self.greatest_strength() * UNSEEN_SECTOR_POWER_SHARE, settings.detection_new_side)
     }
 }
 
@@ -270,7 +284,7 @@ mod tests {
 
     /// Whether an object at the greatest log odds lost less than this.
     fn outlasts(log_odds: f64, loss: f64) -> bool {
-        log_odds > ExistenceSettings::default().most - loss
+        log_odds > ExistenceSettings::default().max_log_odds - loss
     }
 
     fn after(responses: &[Response]) -> f64 {
@@ -283,7 +297,7 @@ mod tests {
     #[test]
     fn log_odds_rise_when_seen_and_fall_when_missed() {
         let (seen, empty) = (response(30.0, 30.0, DVec3::X), response(0.5, 0.5, DVec3::X));
-        assert_eq!(after(&[seen; 10]), ExistenceSettings::default().most);
+        assert_eq!(after(&[seen; 10]), ExistenceSettings::default().max_log_odds);
         let gone: Vec<Response> = [vec![seen; 10], vec![empty; 12]].concat();
         assert!(after(&gone) <= 0.0, "{}", after(&gone));
         let glimpse: Vec<Response> = [vec![seen; 10], vec![empty; 3], vec![seen; 1]].concat();
@@ -303,7 +317,7 @@ mod tests {
         // Clutter of ten times its power at the same range.
         let (seen, masked) = (response(30.0, 30.0, DVec3::X), response(1.0, 300.0, DVec3::X));
         let responses: Vec<Response> = [vec![seen; 10], vec![masked; 30]].concat();
-        assert!(outlasts(after(&responses), 1.5), "it leaks a little: {}", after(&responses));
+        assert!(outlasts(after(&responses), 1.5), "it loses a little: {}", after(&responses));
     }
 
     #[test]
@@ -329,9 +343,9 @@ mod tests {
         leg.weaken(900, &settings);
         assert_eq!(leg.log_odds, known, "it was seen after the seat was missed");
         leg.weaken(1100, &settings);
-        assert_eq!(leg.log_odds, settings.beside, "the seat was removed");
+        assert_eq!(leg.log_odds, settings.neighbour_log_odds, "the seat was removed");
         leg.apply(&likelihood(response(30.0, 30.0, DVec3::X)), &settings);
-        assert!(leg.log_odds > settings.beside, "it was seen again");
+        assert!(leg.log_odds > settings.neighbour_log_odds, "it was seen again");
         leg.weaken(1100, &settings);
         leg.weaken(1100, &settings);
         assert!(leg.log_odds <= 0.0, "the back was removed too");

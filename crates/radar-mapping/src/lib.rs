@@ -106,5 +106,5 @@ pub use synchronisation::{
     reflector_series, synchronisation,
 };
 pub use time_offset_control::TimeOffsetCounters;
-pub use tracks::{MapSettings, RECENT_UPDATES};
+pub use tracks::{RECENT_UPDATES, TrackSettings};
 pub(crate) use tracks::{Track, TrackList, same_plane, same_point};

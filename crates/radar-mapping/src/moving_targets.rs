@@ -30,8 +30,8 @@ use serde::{Deserialize, Serialize};
 use super::hands::{HandTrail, hand_ranges_m};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
-use radar_sar::math;
 use radar_sar::subaperture::{MtiEcho, MtiFilter, MtiResult, Subaperture};
+use radar_sar::{BoundedSettings, SettingBound, bounds, math};
 use track::{Association, MtiTrack, candidate_speeds};
 
 /// Parameters of the moving target indication (MTI).
@@ -41,18 +41,33 @@ pub struct MtiSettings {
     /// Whether moving targets are looked for.
     pub enabled: bool,
     /// Share of sub-apertures in which noise may make a moving echo.
-    pub alarms_per_block: f64,
+    pub alarms_per_subaperture: f64,
     /// A target is confirmed by this many of the last six sub-apertures that could have it.
-    pub confirm_blocks: usize,
+    pub confirm_subapertures: usize,
     /// Radial travel of its own that confirms a target, metres.
     pub min_travel_m: f64,
     /// A track unseen for this long is dropped, seconds.
-    pub forget_s: f64,
+    pub drop_after_s: f64,
+}
+
+impl BoundedSettings for MtiSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        alarms_per_subaperture: 1e-6, 1.0;
+        confirm_subapertures: 1.0, 6.0;
+        min_travel_m: 0.0, 10.0;
+        drop_after_s: 0.1, 10.0;
+    ];
 }
 
 impl Default for MtiSettings {
     fn default() -> Self {
-        Self { enabled: true, alarms_per_block: 0.03, confirm_blocks: 4, min_travel_m: 0.15, forget_s: 1.0 }
+        Self {
+            enabled: true,
+            alarms_per_subaperture: 0.03,
+            confirm_subapertures: 4,
+            min_travel_m: 0.15,
+            drop_after_s: 1.0,
+        }
     }
 }
 
@@ -160,7 +175,7 @@ impl MovingTargetTracker {
     /// Nothing tracked yet.
     pub fn new(settings: MtiSettings, beam: &Beam) -> Self {
         Self {
-            mti_filter: MtiFilter::new(beam, settings.alarms_per_block),
+            mti_filter: MtiFilter::new(beam, settings.alarms_per_subaperture),
             direction_sigma_rad: direction_sigma_rad(beam),
             settings,
             tracks: Vec::new(),
@@ -220,7 +235,7 @@ impl MovingTargetTracker {
                 before.map_or(0.0, |(then_ns, _)| now_ns.saturating_sub(then_ns) as f64 * 1e-9),
             );
         }
-        let forget_ns = (self.settings.forget_s * 1e9) as i64;
+        let forget_ns = (self.settings.drop_after_s * 1e9) as i64;
         self.tracks.retain(|track| now_ns.saturating_sub(track.last_ns) < forget_ns && !track.is_abandoned());
         self.merge_same_body();
     }

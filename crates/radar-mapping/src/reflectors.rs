@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::{Evidence, Observed, Obstacle};
 use radar_sar::geometry::Aabb;
 use radar_sar::{Beam, Observation};
+use radar_sar::{BoundedSettings, SettingBound, bounds};
 use radar_sar::{PositionErrors, RangePower, Refined, Volume, farthest_points, refine, split};
 
 /// Parameters of the search.
@@ -30,6 +31,17 @@ pub struct ReflectorSettings {
     pub threshold_sigma: f64,
     /// Most reflectors reported.
     pub max_reflectors: usize,
+}
+
+impl BoundedSettings for ReflectorSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        voxel_m: 0.005, 0.5;
+        max_sweeps: 0.0, 1e9;
+        search_sweeps: 3.0, 1e5;
+        min_range_m: 0.0, 10.0;
+        threshold_sigma: 0.0, 1e6;
+        max_reflectors: 1.0, 1000.0;
+    ];
 }
 
 impl Default for ReflectorSettings {

@@ -25,8 +25,8 @@ use serde::{Deserialize, Serialize};
 
 use super::classifier::ScoredCandidate;
 use super::{
-    CleanSettings, CleanWindow, Detection, Evidence, HandTrail, HandsM, MapSettings, MovingTarget, MovingTargetTracker,
-    MtiSettings, Obstacle, ResponseCache, SavedMap, SavedMapError, Wall,
+    CleanSettings, CleanWindow, Detection, Evidence, HandTrail, HandsM, MovingTarget, MovingTargetTracker, MtiSettings,
+    Obstacle, ResponseCache, SavedMap, SavedMapError, TrackSettings, Wall,
 };
 use config::RoomConfig;
 use imaging::Imaging;
@@ -48,11 +48,11 @@ use window::Window;
 #[serde(default, deny_unknown_fields)]
 pub struct RoomMapperSettings {
     /// Sub-apertures and their score.
-    pub blocks: SubapertureSettings,
+    pub subapertures: SubapertureSettings,
     /// CLEAN.
-    pub explain: CleanSettings,
+    pub clean: CleanSettings,
     /// Tracks over time.
-    pub map: MapSettings,
+    pub tracks: TrackSettings,
     /// Fine voxels wherever something is.
     pub fine: FineSettings,
     /// Moving targets.
@@ -152,7 +152,7 @@ impl RoomMapper {
     /// An empty map; `backlog`: sweeps to process first.
     fn begin(config: RoomConfig, backlog: VecDeque<Observation>) -> Self {
         Self {
-            intake: SweepIntake::new(config.settings.blocks, backlog),
+            intake: SweepIntake::new(config.settings.subapertures, backlog),
             imaging: Imaging::new(&config),
             window: Window::default(),
             response_cache: ResponseCache::default(),
@@ -181,7 +181,7 @@ impl RoomMapper {
         let hands = std::mem::take(&mut self.hands);
         let (points, walls) = (self.objects.take_restored(), self.walls.take_restored());
         *self = Self { counters_before_restart, hands, ..Self::begin(self.config.clone(), backlog) };
-        self.objects.restore(&points, self.config.settings.map.match_m);
+        self.objects.restore(&points, self.config.settings.tracks.match_m);
         self.walls.restore(&walls, self.window.middle());
     }
 
@@ -248,7 +248,7 @@ impl RoomMapper {
     /// A value is not valid for a room; nothing is restored then.
     pub fn restore(&mut self, saved: &SavedMap) -> Result<(), SavedMapError> {
         saved.check()?;
-        self.objects.restore(&saved.places, self.config.settings.map.match_m);
+        self.objects.restore(&saved.places, self.config.settings.tracks.match_m);
         self.walls.restore(&saved.walls, self.window.middle());
         Ok(())
     }
@@ -348,7 +348,7 @@ impl RoomMapper {
     fn image(&mut self, subaperture: Subaperture) -> bool {
         self.counters.blocks += 1;
         self.imaging.add(&subaperture);
-        self.mti.push(subaperture.uncancelled(), &self.hands, self.config.settings.map.hands_reach_m);
+        self.mti.push(subaperture.uncancelled(), &self.hands, self.config.settings.tracks.hands_reach_m);
         let now_ns = subaperture.mid_time_ns;
         self.window.push(subaperture);
         let since_ns = now_ns - self.config.window_ns();
@@ -373,16 +373,16 @@ impl RoomMapper {
 
     /// Detects in the window's sub-apertures and updates the tracks.
     fn detect(&mut self, planes: &[Plane], peaks: &[DVec3]) -> Stage {
-        let RoomMapperSettings { blocks, explain, map, .. } = &self.config.settings;
+        let RoomMapperSettings { subapertures, clean, tracks, .. } = &self.config.settings;
         let (beam, cache) = (&self.config.beam, &mut self.response_cache);
-        let mut clean = CleanWindow::new(self.window.iter(), &self.hands, explain, blocks, beam, cache);
+        let mut clean = CleanWindow::new(self.window.iter(), &self.hands, clean, subapertures, beam, cache);
         // Known objects mask before new ones do.
         let (ids, known_points): (Vec<u64>, Vec<DVec3>) = self.objects.confirmed().map(|p| (p.id, p.estimate)).unzip();
         let known = clean.detect_known(&self.walls.planes(), &known_points);
         let new = clean.detect(planes, peaks);
         let likelihoods = clean.likelihoods(&known_points, &known.responses);
         drop(clean);
-        let removed = self.objects.update_existence(&ids, &likelihoods, &self.window, &map.forget);
+        let removed = self.objects.update_existence(&ids, &likelihoods, &self.window, &tracks.existence);
         self.counters.forgotten += removed.count;
         let now_ns = self.window.now_ns();
         removed.positions_m.iter().for_each(|at| self.window.history.mark_removed(*at, now_ns));
@@ -392,8 +392,8 @@ impl RoomMapper {
         (self.update.places, self.update.planes) = (new.places, new.planes.clone());
         let walls = [known.planes, new.planes].concat();
         self.candidates.record(scored);
-        self.update.wall_hits = self.walls.update(&walls, map, self.window.middle());
-        self.update.point_hits = self.objects.update(&points, map);
+        self.update.wall_hits = self.walls.update(&walls, tracks, self.window.middle());
+        self.update.point_hits = self.objects.update(&points, tracks);
         let facing = Facing { window: &self.window, hands: &self.hands, min_cos: self.config.min_cos };
         self.walls.remove_missed(&walls, facing);
         Stage::Refine { walls, points }

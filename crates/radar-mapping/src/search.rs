@@ -173,7 +173,7 @@ impl Search {
     /// How long observations are kept so that they can get new poses, seconds.
     pub fn pose_retention_s(&self, settings: &MappingSettings) -> f64 {
         match self {
-            Self::Rooms(_) => settings.rooms.explain.window_s + 1.0,
+            Self::Rooms(_) => settings.rooms.clean.window_s + 1.0,
             Self::Reflectors(_) => UNBOUNDED_RETENTION_S,
         }
     }

@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 use radar_sar::geometry::{Aabb, Pose};
-use radar_sar::{Beam, HistorySettings, PositionErrors};
+use radar_sar::subaperture::SubapertureSettings;
+use radar_sar::{Beam, BoundedSettings, HistorySettings, PositionErrors, SettingBound, SettingOutOfBounds, bounds};
 use serde::{Deserialize, Serialize};
 
-use super::{DEFAULT_CUBE_M, RECENT_UPDATES, ReflectorSettings, RoomMapperSettings};
+use super::{DEFAULT_CUBE_M, ReflectorSettings, RoomMapperSettings};
 
 /// Voxels of the search for single reflectors, at most: 3 m cubed at 15 mm, or 12 m cubed at 60 mm. A choice: a second's work.
 const MAX_VOXELS: f64 = 8e6;
@@ -14,17 +15,8 @@ const MAX_VOXELS: f64 = 8e6;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MappingSettingsError {
     /// A value outside its bounds.
-    #[error("setting {name} is {value}: it must lie in {min} to {max}")]
-    OutOfRange {
-        /// Which.
-        name: &'static str,
-        /// What it is.
-        value: f64,
-        /// Least allowed.
-        min: f64,
-        /// Most allowed.
-        max: f64,
-    },
+    #[error(transparent)]
+    OutOfBounds(#[from] SettingOutOfBounds),
     /// An invalid mount.
     #[error("setting {0} has a number that is not finite, or a rotation of length zero")]
     NotFinite(&'static str),
@@ -77,6 +69,13 @@ pub struct TrackingSettings {
     pub history: HistorySettings,
     /// Accuracy of the poses.
     pub errors: PositionErrors,
+}
+
+impl BoundedSettings for TrackingSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        time_offset_s: -10.0, 10.0;
+        max_time_offset_sigma_s: 0.0, 0.005;
+    ];
 }
 
 impl Default for TrackingSettings {
@@ -138,74 +137,17 @@ impl MappingSettings {
     /// The first one that does not, by its name in the settings file.
     pub fn check(&self) -> Result<(), MappingSettingsError> {
         let Self { tracking, rooms, reflectors, processing, .. } = self;
-        let blocks = &rooms.blocks;
-        let bounded = [
-            ("tracking.time_offset_s", tracking.time_offset_s, -10.0, 10.0),
-            ("tracking.max_time_offset_sigma_s", tracking.max_time_offset_sigma_s, 0.0, 0.005),
-            ("tracking.history.max_gap_s", tracking.history.max_gap_s, 0.001, 1.0),
-            ("tracking.history.smoothing_window_s", tracking.history.smoothing_window_s, 0.0, 0.5),
-            ("tracking.history.max_ahead_s", tracking.history.max_ahead_s, 0.0, 0.5),
-            ("tracking.errors.wander_m", tracking.errors.wander_m, 0.0, 1.0),
-            ("tracking.errors.wander_s", tracking.errors.wander_s, 0.01, 1e4),
-            ("tracking.errors.mount_m", tracking.errors.mount_m, 0.0, 1.0),
-            ("tracking.errors.jitter_m", tracking.errors.jitter_m, 0.0, 1.0),
-            ("tracking.errors.rotation_deg", tracking.errors.rotation_deg, 0.0, 90.0),
-            ("rooms.blocks.block_s", blocks.block_s, 0.01, 0.5),
-            ("rooms.blocks.min_sweeps", blocks.min_sweeps as f64, 2.0, 1e4),
-            ("rooms.blocks.memory_s", blocks.memory_s, 0.1, 100.0),
-            ("rooms.blocks.min_amplitude", blocks.min_amplitude, 0.01, 1.0),
-            ("rooms.blocks.mirror_min_amplitude", blocks.mirror_min_amplitude, 0.001, 1.0),
-            ("rooms.blocks.min_range_m", blocks.min_range_m, 0.05, 10.0),
-            ("rooms.blocks.max_range_m", blocks.max_range_m, blocks.min_range_m, 5.0),
-            ("rooms.blocks.voxel_m", blocks.voxel_m, 0.02, 0.5),
-            ("rooms.explain.window_s", rooms.explain.window_s, 0.5, 20.0),
-            ("rooms.explain.max_candidates", rooms.explain.max_candidates as f64, 1.0, 1e4),
-            ("rooms.explain.min_score", rooms.explain.min_score, 0.0, 1e6),
-            ("rooms.explain.min_candidate_score", rooms.explain.min_candidate_score, 0.0, 1e6),
-            ("rooms.explain.plane_min_score", rooms.explain.plane_min_score, 0.0, 1e6),
-            ("rooms.explain.min_over_point", rooms.explain.min_over_point, -1e6, 1e6),
-            ("rooms.explain.plane_min_blocks", f64::from(rooms.explain.plane_min_blocks), 1.0, 1e4),
-            ("rooms.explain.max_sigma_m", rooms.explain.max_sigma_m, 0.01, 10.0),
-            ("rooms.explain.min_feet_rms_m", rooms.explain.min_feet_rms_m, 0.0, 10.0),
-            ("rooms.explain.claim_range_m", rooms.explain.claim_range_m, 0.0, 10.0),
-            ("rooms.explain.claim_lobes", rooms.explain.claim_lobes, 0.0, 1e3),
-            ("rooms.map.confirm_score", rooms.map.confirm_score, 0.0, 1e6),
-            ("rooms.map.confirm_sightings", rooms.map.confirm_sightings as f64, 1.0, RECENT_UPDATES as f64),
-            ("rooms.map.confirm_wall_sightings", rooms.map.confirm_wall_sightings as f64, 1.0, RECENT_UPDATES as f64),
-            ("rooms.map.confirm_odds", rooms.map.confirm_odds, -100.0, 100.0),
-            ("rooms.map.forget.leak", rooms.map.forget.leak, 0.0, 1e3),
-            ("rooms.map.forget.shadow_leak", rooms.map.forget.shadow_leak, 0.0, 1e3),
-            ("rooms.map.forget.beside", rooms.map.forget.beside, 0.0, 100.0),
-            ("rooms.map.forget.familiar_blocks", rooms.map.forget.familiar_blocks, 0.0, 1e9),
-            ("rooms.explain.uneven_cost", rooms.explain.uneven_cost, 0.0, 1e6),
-            ("rooms.map.hands_reach_m", rooms.map.hands_reach_m, 0.0, 10.0),
-            ("rooms.map.forget.confirm", rooms.map.forget.confirm, -100.0, 100.0),
-            ("rooms.map.forget.newly", rooms.map.forget.newly, 0.0, 100.0),
-            ("rooms.map.forget.most", rooms.map.forget.most, 0.1, 100.0),
-            ("rooms.map.forget.familiar", rooms.map.forget.familiar, 0.0, 0.99),
-            ("rooms.map.forget.unfamiliar", rooms.map.forget.unfamiliar, 0.0, 0.99),
-            ("rooms.map.match_m", rooms.map.match_m, 0.01, 1.0),
-            ("rooms.fine.voxel_m", rooms.fine.voxel_m, 0.005, 0.05),
-            ("rooms.fine.min_score", rooms.fine.min_score, 0.0, 1e6),
-            ("rooms.fine.max_opened", rooms.fine.max_opened as f64, 0.0, 1e4),
-            ("rooms.fine.max_bricks", rooms.fine.max_bricks as f64, 0.0, 1e5),
-            ("rooms.fine.keep_looks", f64::from(rooms.fine.keep_looks), 0.0, 1e4),
-            ("rooms.moving.alarms_per_block", rooms.moving.alarms_per_block, 1e-6, 1.0),
-            ("rooms.moving.confirm_blocks", rooms.moving.confirm_blocks as f64, 1.0, 6.0),
-            ("rooms.moving.min_travel_m", rooms.moving.min_travel_m, 0.0, 10.0),
-            ("rooms.moving.forget_s", rooms.moving.forget_s, 0.1, 10.0),
-            ("reflectors.voxel_m", reflectors.voxel_m, 0.005, 0.5),
-            ("reflectors.min_range_m", reflectors.min_range_m, 0.0, 10.0),
-            ("reflectors.threshold_sigma", reflectors.threshold_sigma, 0.0, 1e6),
-            ("reflectors.max_reflectors", reflectors.max_reflectors as f64, 1.0, 1000.0),
-            ("reflectors.max_sweeps", reflectors.max_sweeps as f64, 0.0, 1e9),
-            ("reflectors.search_sweeps", reflectors.search_sweeps as f64, 3.0, 1e5),
-        ];
-        for (name, value, min, max) in bounded {
-            if !(min..=max).contains(&value) {
-                return Err(MappingSettingsError::OutOfRange { name, value, min, max });
-            }
-        }
+        tracking.check_bounds("tracking")?;
+        tracking.history.check_bounds("tracking.history")?;
+        tracking.errors.check_bounds("tracking.errors")?;
+        rooms.subapertures.check_bounds("rooms.subapertures")?;
+        rooms.clean.check_bounds("rooms.clean")?;
+        rooms.tracks.check_bounds("rooms.tracks")?;
+        rooms.tracks.existence.check_bounds("rooms.tracks.existence")?;
+        rooms.fine.check_bounds("rooms.fine")?;
+        rooms.moving.check_bounds("rooms.moving")?;
+        reflectors.check_bounds("reflectors")?;
+        check_ranges(&rooms.subapertures)?;
         if let Some(region) = &processing.region {
             let sound = region.min.is_finite() && region.max.is_finite() && region.size().min_element() > 0.0;
             if !sound || region.size().max_element() > 50.0 {
@@ -229,5 +171,14 @@ impl MappingSettings {
             true => Ok(()),
             false => Err(MappingSettingsError::TooManyVoxels { voxel_m, places, max: MAX_VOXELS }),
         }
+    }
+}
+
+/// The farthest range lies beyond the nearest.
+fn check_ranges(subapertures: &SubapertureSettings) -> Result<(), SettingOutOfBounds> {
+    let SubapertureSettings { min_range_m: min, max_range_m: value, .. } = *subapertures;
+    match value >= min {
+        true => Ok(()),
+        false => Err(SettingOutOfBounds { name: "rooms.subapertures.max_range_m".into(), value, min, max: 5.0 }),
     }
 }

@@ -9,20 +9,20 @@ use serde::{Deserialize, Serialize};
 use super::clean::Detection;
 use super::existence::ExistenceSettings;
 use radar_sar::geometry::Plane;
-use radar_sar::math;
+use radar_sar::{BoundedSettings, SettingBound, bounds, math};
 
 /// Parameters of the track list.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct MapSettings {
+pub struct TrackSettings {
     /// Least score of a hit, a detection that counts for a track.
     pub confirm_score: f64,
     /// Hits among the last four updates that confirm a point.
-    pub confirm_sightings: usize,
+    pub confirm_observations: usize,
     /// Hits among the last four updates that confirm a wall.
-    pub confirm_wall_sightings: usize,
+    pub confirm_wall_observations: usize,
     /// Least log odds of a hit, from the classifier, which was learned from simulated play.
-    pub confirm_odds: f64,
+    pub confirm_log_odds: f64,
     /// A detection that was never seen from beyond this distance may be the wearer's own hand,
     /// elbow or knee, and is not confirmed, metres. This holds for tracked hands too: in play it
     /// costs nothing, and the false reports near the body drop by a quarter.
@@ -30,36 +30,47 @@ pub struct MapSettings {
     /// A detection within this distance of a known point belongs to it, metres.
     pub match_m: f64,
     /// When a confirmed object is removed.
-    pub forget: ExistenceSettings,
+    pub existence: ExistenceSettings,
 }
 
-impl Default for MapSettings {
+impl BoundedSettings for TrackSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        confirm_score: 0.0, 1e6;
+        confirm_observations: 1.0, RECENT_UPDATES as f64;
+        confirm_wall_observations: 1.0, RECENT_UPDATES as f64;
+        confirm_log_odds: -100.0, 100.0;
+        hands_reach_m: 0.0, 10.0;
+        match_m: 0.01, 1.0;
+    ];
+}
+
+impl Default for TrackSettings {
     fn default() -> Self {
-        let forget = ExistenceSettings::default();
+        let existence = ExistenceSettings::default();
         Self {
             confirm_score: 3.0,
-            confirm_sightings: 1,
-            confirm_wall_sightings: 3,
-            confirm_odds: 1.7,
+            confirm_observations: 1,
+            confirm_wall_observations: 3,
+            confirm_log_odds: 1.7,
             hands_reach_m: 0.9,
             match_m: 0.15,
-            forget,
+            existence,
         }
     }
 }
 
-impl MapSettings {
+impl TrackSettings {
     /// The same for planes, which have tests of their own before they are detected.
     pub fn for_planes(&self) -> Self {
-        let confirm_sightings = self.confirm_wall_sightings;
-        Self { confirm_sightings, hands_reach_m: 0.0, ..*self }
+        let confirm_observations = self.confirm_wall_observations;
+        Self { confirm_observations, hands_reach_m: 0.0, ..*self }
     }
 
     /// Whether a detection counts as a hit.
     pub fn is_hit<T>(&self, detection: &Detection<T>) -> bool {
         detection.observable
             && detection.score >= self.confirm_score
-            && detection.log_odds >= self.confirm_odds
+            && detection.log_odds >= self.confirm_log_odds
             && detection.farthest_m >= self.hands_reach_m
     }
 }
@@ -116,7 +127,7 @@ impl<T> Default for TrackList<T> {
 impl<T: Copy> TrackList<T> {
     /// Takes one update's detections, strongest first. Those that are not observable are ignored.
     /// `same` decides whether two estimates belong to one track.
-    pub fn update(&mut self, found: &[Detection<T>], settings: &MapSettings, same: impl Fn(&T, &T) -> bool) {
+    pub fn update(&mut self, found: &[Detection<T>], settings: &TrackSettings, same: impl Fn(&T, &T) -> bool) {
         self.update += 1;
         for known in &mut self.tracks {
             known.recent_hits.push_back(false);
@@ -135,7 +146,7 @@ impl<T: Copy> TrackList<T> {
                         score: detection.score,
                         quality: quality(detection),
                         log_odds: detection.log_odds,
-                        confirmed: settings.confirm_sightings <= 1,
+                        confirmed: settings.confirm_observations <= 1,
                         provisional: false,
                         first_ns: detection.first_ns,
                         last_ns: detection.last_ns,
@@ -198,7 +209,7 @@ impl<T: Copy> TrackList<T> {
 }
 
 impl<T: Copy> Track<T> {
-    fn record_hit(&mut self, detection: &Detection<T>, update: u64, settings: &MapSettings) {
+    fn record_hit(&mut self, detection: &Detection<T>, update: u64, settings: &TrackSettings) {
         if let Some(newest) = self.recent_hits.back_mut() {
             *newest = true;
         }
@@ -210,7 +221,7 @@ impl<T: Copy> Track<T> {
         self.first_ns = self.first_ns.min(detection.first_ns);
         self.last_ns = self.last_ns.max(detection.last_ns);
         self.last_update = update;
-        self.confirmed |= self.recent_hits.iter().filter(|seen| **seen).count() >= settings.confirm_sightings;
+        self.confirmed |= self.recent_hits.iter().filter(|seen| **seen).count() >= settings.confirm_observations;
     }
 }
 
@@ -259,16 +270,16 @@ mod tests {
 
     fn after(updates: &[&[Detection<DVec3>]]) -> Vec<(u64, f64)> {
         let mut track_list = TrackList::default();
-        let settings = MapSettings { confirm_score: 6.0, confirm_sightings: 2, ..Default::default() };
+        let settings = TrackSettings { confirm_score: 6.0, confirm_observations: 2, ..Default::default() };
         updates.iter().for_each(|found| track_list.update(found, &settings, same_point(settings.match_m)));
         track_list.confirmed().map(|s| (s.id, s.estimate.x)).collect()
     }
 
     #[test]
     fn low_log_odds_is_not_a_hit() {
-        let settings = MapSettings::default();
+        let settings = TrackSettings::default();
         let with = |odds: f64| settings.is_hit(&Detection { log_odds: odds, ..detection(0.0, 60.0, true) });
-        assert!(with(settings.confirm_odds) && !with(settings.confirm_odds - 0.1) && !with(f64::NAN));
+        assert!(with(settings.confirm_log_odds) && !with(settings.confirm_log_odds - 0.1) && !with(f64::NAN));
         assert!(settings.for_planes().is_hit(&detection(0.0, 60.0, true)), "the classifier does not apply to planes");
     }
 
@@ -298,7 +309,7 @@ mod tests {
     #[test]
     fn restored_track_is_confirmed_by_hit_and_moves_to_it() {
         let mut track_list = TrackList::default();
-        let settings = MapSettings { confirm_score: 6.0, confirm_sightings: 2, ..Default::default() };
+        let settings = TrackSettings { confirm_score: 6.0, confirm_observations: 2, ..Default::default() };
         let same = same_point(settings.match_m);
         assert_eq!(track_list.restore(7, DVec3::ZERO, 30.0, [-9, -8], &same), Some(7));
         assert_eq!(track_list.restore(8, DVec3::X * 0.1, 30.0, [-9, -8], &same), None, "known already");

@@ -98,6 +98,7 @@ mod range_axis;
 mod range_power;
 mod refine;
 mod selection;
+mod setting_bounds;
 mod signal;
 mod simd;
 mod statistic;
@@ -126,6 +127,7 @@ pub use refine::{JointFit, PositionErrors, Refined, best_pair, refine, split};
 pub use selection::{
     Preselection, PreselectionCounters, Preselector, Selection, UnknownSelection, farthest_points, random,
 };
+pub use setting_bounds::{BoundedSettings, SettingBound, SettingOutOfBounds};
 pub use signal::{distance_falloff, envelope, template};
 pub use simd::{INSTRUCTIONS_VARIABLE, InstructionSet, UnknownInstructionSet};
 pub use statistic::{Statistic, UnknownStatistic};

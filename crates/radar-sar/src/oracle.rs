@@ -136,7 +136,7 @@ impl<'a> Oracle<'a> {
                 continue;
             }
             let age_s = (newest_ns - middle.mid_time_ns) as f64 * 1e-9;
-            let rho = math::exp(-age_s / self.settings.memory_s);
+            let rho = math::exp(-age_s / self.settings.decay_s);
             let m = self.coherence(block, *noise_rms, place);
             a += rho * (math::ln_1p(m) - super::subaperture::MEAN_LOG_OF_NOISE);
             b += rho * rho;

@@ -6,6 +6,8 @@ use std::collections::VecDeque;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
+use crate::{BoundedSettings, SettingBound, bounds};
+
 use super::local_fit::value_and_rate_weights;
 use super::{PoseRefusal, PoseSample};
 use crate::geometry::Pose;
@@ -22,6 +24,14 @@ pub struct HistorySettings {
     /// next pose after the sweep. Half of the window is as good as anything longer. Less gives
     /// sweeps earlier and less smooth poses.
     pub max_ahead_s: f64,
+}
+
+impl BoundedSettings for HistorySettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        max_gap_s: 0.001, 1.0;
+        smoothing_window_s: 0.0, 0.5;
+        max_ahead_s: 0.0, 0.5;
+    ];
 }
 
 impl Default for HistorySettings {

@@ -47,7 +47,7 @@ pub struct PlaySessions {
     /// Added to the reflection of the walls, dB
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     walls_db: f64,
-    /// Plays the same at each of these values of rooms.map.confirm_odds: the curve of detections
+    /// Plays the same at each of these values of rooms.tracks.confirm_log_odds: the curve of detections
     /// against false reports
     #[arg(long, value_name = "ODDS", value_delimiter = ',', allow_hyphen_values = true)]
     odds: Vec<f64>,
@@ -106,7 +106,7 @@ impl PlaySessions {
     }
 
     fn settings(&self, text: &str, odds: Option<f64>) -> Result<Settings> {
-        let odds = odds.map(|odds| format!("rooms.map.confirm_odds={odds:?}"));
+        let odds = odds.map(|odds| format!("rooms.tracks.confirm_log_odds={odds:?}"));
         let changes: Vec<String> = self.set.iter().cloned().chain(odds).collect();
         Ok(Settings::from_toml(text, &changes)?)
     }
@@ -118,7 +118,7 @@ impl PlaySessions {
         }
         if let Some(path) = &self.json {
             let rows = played.iter().map(|PlayOutcome { preset, odds, figures, .. }| {
-                json!({"preset": preset, "confirm_odds": odds, "controllers": self.controllers, "walls_db": self.walls_db,
+                json!({"preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "walls_db": self.walls_db,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})
             });

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::{RoomNoise, rate_upper_bound_per_h};
 use radar_chaperone::report::Table;
-use radar_mapping::{CleanSettings, MapSettings};
+use radar_mapping::{CleanSettings, TrackSettings};
 use radar_sar::math;
 use radar_simulation::ScenarioError;
 
@@ -101,7 +101,7 @@ impl NoiseAlarms {
     /// From the tail of a score on noise and the number of independent cells per hour: how often
     /// noise reaches the default thresholds, and which scores keep a rate.
     pub fn rates_from_tail(&self) -> Table {
-        let defaults = [CleanSettings::default().min_candidate_score, MapSettings::default().confirm_score];
+        let defaults = [CleanSettings::default().min_candidate_score, TrackSettings::default().confirm_score];
         let row = |played: &Played| {
             let cells = played.all.independent_cells_per_h();
             let [candidates, confirmed] =

@@ -77,10 +77,10 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs
     let (join_s, (observations, path)) = timed(|| joined(scenario, simulated, settings));
     costs.add("joining the streams", join_s, String::new());
     let (copy_s, _) = timed(|| observations.to_vec());
-    let (build_s, blocks) = timed(|| blocks(&observations, settings.rooms.blocks));
+    let (build_s, blocks) = timed(|| blocks(&observations, settings.rooms.subapertures));
     costs.add("sub-apertures: range compression, tables", build_s - copy_s, String::new());
     for voxel_m in [0.05, 0.025] {
-        let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.blocks };
+        let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.subapertures };
         let (field_s, updates) = timed(|| {
             let mut field = Field::new(with_voxel, with_voxel.min_cos(&settings.radar.beam));
             blocks.iter().for_each(|block| field.add(block));
@@ -91,7 +91,8 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs
         costs.add(&format!("field, voxels of {} cm", voxel_m * 100.0), field_s, work);
     }
     let (planes_s, _) = timed(|| {
-        let mut planes = PlaneField::new(settings.rooms.blocks, settings.rooms.blocks.min_cos(&settings.radar.beam));
+        let mut planes =
+            PlaneField::new(settings.rooms.subapertures, settings.rooms.subapertures.min_cos(&settings.radar.beam));
         blocks.iter().for_each(|block| planes.add(block));
     });
     costs.add("planes", planes_s, String::new());
@@ -170,7 +171,7 @@ fn fine(observations: &[Observation], blocks: &[Subaperture], settings: &Setting
         looks[at].1.iter().filter(|b| !looks[at - 1].1.contains(b) && looks[at + 4].1.contains(b)).copied().collect();
     let (first, last) = (window(blocks, looks[at].0, settings).start, looks[at + 4].0);
     let voxel_m = settings.rooms.fine.voxel_m;
-    let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.blocks };
+    let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.subapertures };
     let mut dense = Field::new(with_voxel, with_voxel.min_cos(&settings.radar.beam));
     let start = cpu_s();
     blocks[first..=last].iter().for_each(|block| dense.add(block));
@@ -210,9 +211,10 @@ fn looks(observations: &[Observation], settings: &Settings) -> Vec<Update> {
 
 /// A fine field with exactly these bricks open after each update, up to a given one.
 fn replayed_field(blocks: &[Subaperture], looks: &[Update], settings: &Settings, last_update: usize) -> FineField {
-    let follow = FineSettings { max_opened: usize::MAX, max_bricks: usize::MAX, keep_looks: 0, ..settings.rooms.fine };
+    let follow =
+        FineSettings { max_opened: usize::MAX, max_bricks: usize::MAX, keep_updates: 0, ..settings.rooms.fine };
     let rooms = &settings.rooms;
-    let mut fine = FineField::new(follow, rooms.blocks, rooms.blocks.min_cos(&settings.radar.beam));
+    let mut fine = FineField::new(follow, rooms.subapertures, rooms.subapertures.min_cos(&settings.radar.beam));
     let (mut next, mut first) = (0, 0);
     for (last, bricks) in looks.iter().take(last_update.saturating_add(1)) {
         while next <= *last {
@@ -229,7 +231,7 @@ fn replayed_field(blocks: &[Subaperture], looks: &[Update], settings: &Settings,
 
 /// Sub-apertures in the window when one has arrived.
 fn window(blocks: &[Subaperture], last: usize, settings: &Settings) -> std::ops::Range<usize> {
-    let since_ns = blocks[last].mid_time_ns - (settings.rooms.explain.window_s * 1e9) as i64;
+    let since_ns = blocks[last].mid_time_ns - (settings.rooms.clean.window_s * 1e9) as i64;
     blocks[..last].partition_point(|block| block.mid_time_ns < since_ns)..last + 1
 }
 

@@ -82,9 +82,9 @@ impl RoomNoise {
     pub fn of(config: &SensorConfig, seed: u64, duration_s: f64, scores: &[f64]) -> Result<Self, ScenarioError> {
         let recorded = TrialRecording::of(&Scenario::new("nothing", "natural", config.clone(), duration_s, seed))?;
         let mut settings = RoomMapperSettings::default();
-        let least = scores.iter().copied().fold(settings.explain.min_score, f64::min);
-        (settings.explain.min_candidate_score, settings.explain.min_score) = (least, least);
-        settings.map.hands_reach_m = 0.0;
+        let least = scores.iter().copied().fold(settings.clean.min_score, f64::min);
+        (settings.clean.min_candidate_score, settings.clean.min_score) = (least, least);
+        settings.tracks.hands_reach_m = 0.0;
         let mut session = NoiseSession::new(settings, scores, seed);
         recorded.observations.into_iter().for_each(|observation| session.push(observation));
         Ok(Self { played_s: duration_s, ..session.noise() })
@@ -133,9 +133,9 @@ impl RoomNoise {
     /// ones.
     pub fn tail(&self) -> NoiseTail {
         let settings = RoomMapperSettings::default();
-        let block_s = self.played_s / self.blocks.max(1) as f64;
-        let blocks = (settings.explain.window_s / block_s.max(1e-3)) as usize;
-        NoiseTail::new(self.sweeps_per_subaperture(), blocks, block_s, settings.blocks.memory_s)
+        let period_s = self.played_s / self.blocks.max(1) as f64;
+        let blocks = (settings.clean.window_s / period_s.max(1e-3)) as usize;
+        NoiseTail::new(self.sweeps_per_subaperture(), blocks, period_s, settings.subapertures.decay_s)
     }
 
     /// Independent cells per hour, estimated from the alarms at the threshold with the highest rate
@@ -201,8 +201,8 @@ impl NoiseSession {
         let none = vec![Alarms::default(); scores.len()];
         Self {
             search: RoomMapper::new(settings, &BEAM, PositionErrors::default()),
-            builder: SubapertureBuilder::new(settings.blocks),
-            planes: PlaneField::new(settings.blocks, settings.blocks.min_cos(&BEAM)),
+            builder: SubapertureBuilder::new(settings.subapertures),
+            planes: PlaneField::new(settings.subapertures, settings.subapertures.min_cos(&BEAM)),
             rng: ChaCha8Rng::seed_from_u64(seed ^ 0x0E71_DE7C),
             candidates: none.clone(),
             places: none,
@@ -215,7 +215,7 @@ impl NoiseSession {
         let time_ns = observation.mid_time_ns;
         if let Some(block) = self.builder.push(observation.clone()) {
             self.planes.add(&block);
-            let said = sample_scores(&block, &self.settings.blocks, &mut self.rng);
+            let said = sample_scores(&block, &self.settings.subapertures, &mut self.rng);
             let sums = &mut self.totals.evidence;
             sums.count += said.len() as f64;
             sums.sum += said.iter().sum::<f64>();
@@ -239,8 +239,8 @@ impl NoiseSession {
             let places = places.iter().filter(|place| place.score >= *score);
             self.places[n].take(places.map(|place| place.estimate), time_ns);
         }
-        let explain = &self.settings.explain;
-        let planes = self.planes.peaks(0.0, explain.plane_min_blocks, time_ns - (explain.window_s * 1e9) as i64);
+        let explain = &self.settings.clean;
+        let planes = self.planes.peaks(0.0, explain.plane_min_subapertures, time_ns - (explain.window_s * 1e9) as i64);
         let here = [
             peaks.first().map(|peak| peak.score),
             places.iter().map(|place| place.score).reduce(f64::max),

@@ -12,7 +12,7 @@ use radar_simulation::PlaySession;
 /// First of the seeds on which nothing was tuned or trained.
 const FIRST_SEED: u64 = 1000;
 /// The setting that trades detections against false reports.
-const ODDS: &str = "rooms.map.confirm_odds";
+const ODDS: &str = "rooms.tracks.confirm_log_odds";
 
 /// Result of the sessions with one setting.
 #[derive(Debug, Clone)]
@@ -81,7 +81,7 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
              is {}. In the first minute the map is still incomplete, so fewer approaches are warned of than in ten \
              minutes. Preset thesis with `processing.mode = \"rooms\"`.",
             extent.choose(3.0, 0.5),
-            Settings::default().rooms.map.confirm_odds
+            Settings::default().rooms.tracks.confirm_log_odds
         ))
         .picture("play", "Warned in time against reported where nothing is", &curve_chart(&curve).draw())
         .map(|page| page.markdown(&curve_page_body(&curve)))

@@ -76,7 +76,7 @@ fn play_sessions_report_warning_rates_reproducibly() {
     assert!(rates["lead_median_m"].as_f64().unwrap() > 0.5, "{rates}");
     assert_eq!(first, play("b.json", "--seed 1000"), "a seed gives the same figures");
     // Nothing is confirmed: no warnings and no reports.
-    let deaf = play("c.json", "--seed 1000 --set rooms.map.confirm_score=1e5");
+    let deaf = play("c.json", "--seed 1000 --set rooms.tracks.confirm_score=1e5");
     assert_eq!(deaf[0]["rates_without_walls"]["warned"], 0);
     assert_eq!(deaf[0]["rates"]["false_per_min"], 0.0);
 }

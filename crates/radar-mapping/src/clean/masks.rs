@@ -74,9 +74,9 @@ impl CleanWindow<'_> {
         let skirt_m = half_width_m * math::log2(response.power.max(1.0)).sqrt();
         Mask {
             range_m: response.range_m,
-            half_range_m: skirt_m.max(self.settings.claim_range_m),
+            half_range_m: skirt_m.max(self.settings.mask_range_m),
             cos: response.cos,
-            half_cos: self.settings.claim_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4)),
+            half_cos: self.settings.mask_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4)),
         }
     }
 }

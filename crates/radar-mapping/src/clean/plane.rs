@@ -36,7 +36,7 @@ impl CleanWindow<'_> {
             let range_m = plane.distance(block.middle.translation);
             let axis = &block.geometry().axis;
             let in_range = range_m >= self.block_settings.min_range_m && axis.contains(range_m);
-            if !in_range || plane.outward.dot(block.middle.forward()) < self.mirror_min_cos {
+            if !in_range || plane.outward.dot(block.middle.forward()) < self.plane_min_cos {
                 return None;
             }
             let toward = plane.outward.as_vec3().to_array();

@@ -46,10 +46,10 @@ impl Score {
         responses: impl Iterator<Item = WeightedResponse<'v>>,
         settings: &CleanSettings,
     ) -> Option<Self> {
-        Self::of(responses, settings.uneven_cost)
+        Self::of(responses, settings.amplitude_spread_cost)
     }
 
-    fn of<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>, uneven_cost: f64) -> Option<Self> {
+    fn of<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>, amplitude_spread_cost: f64) -> Option<Self> {
         let (mut a, mut b, mut blocks, mut strengths) = (0.0, 0.0, 0, Strengths::default());
         let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
         for WeightedResponse { response, weight, time_ns } in responses {
@@ -59,7 +59,7 @@ impl Score {
             (first_ns, last_ns) = (first_ns.min(time_ns), last_ns.max(time_ns));
             strengths.push(response, weight);
         }
-        let score = (a - uneven_cost * strengths.squared_deviations()) / b.sqrt();
+        let score = (a - amplitude_spread_cost * strengths.squared_deviations()) / b.sqrt();
         (blocks >= MIN_SUBAPERTURES).then_some(Self { score, subapertures: blocks, first_ns, last_ns })
     }
 }
@@ -145,7 +145,7 @@ mod tests {
         let off = against.iter().filter_map(|response| response.ln_strength);
         let mean = off.clone().sum::<f64>() / 10.0;
         let squares: f64 = off.map(|x| (x - mean).powi(2)).sum();
-        assert!((score(&against) - (plain - settings.uneven_cost * squares / 10f64.sqrt())).abs() < 1e-9);
+        assert!((score(&against) - (plain - settings.amplitude_spread_cost * squares / 10f64.sqrt())).abs() < 1e-9);
         assert!((amplitude_spread_of(against.iter()) - (squares / 10.0).sqrt()).abs() < 1e-9);
     }
 

@@ -192,7 +192,7 @@ impl MtiTrack {
 
     pub fn is_confirmable(&self, settings: &MtiSettings) -> bool {
         let hits = self.recent_hits.iter().filter(|hit| **hit).count();
-        hits >= settings.confirm_blocks && self.travel_m.abs() >= settings.min_travel_m
+        hits >= settings.confirm_subapertures && self.travel_m.abs() >= settings.min_travel_m
     }
 }
 

@@ -17,11 +17,11 @@ pub(super) struct RoomConfig {
 
 impl RoomConfig {
     pub fn new(settings: RoomMapperSettings, beam: &Beam, errors: PositionErrors) -> Self {
-        Self { settings, errors, beam: beam.clone(), min_cos: settings.blocks.min_cos(beam) }
+        Self { settings, errors, beam: beam.clone(), min_cos: settings.subapertures.min_cos(beam) }
     }
 
     /// Length of the window, nanoseconds.
     pub fn window_ns(&self) -> i64 {
-        (self.settings.explain.window_s * 1e9) as i64
+        (self.settings.clean.window_s * 1e9) as i64
     }
 }

@@ -23,10 +23,10 @@ impl Imaging {
     pub fn new(config: &RoomConfig) -> Self {
         let (settings, min_cos) = (&config.settings, config.min_cos);
         Self {
-            field: Field::new(settings.blocks, min_cos),
-            fine: FineField::new(settings.fine, settings.blocks, min_cos),
-            planes: PlaneField::new(settings.blocks, settings.blocks.mirror_min_cos(&config.beam)),
-            voxel_m: settings.blocks.voxel_m,
+            field: Field::new(settings.subapertures, min_cos),
+            fine: FineField::new(settings.fine, settings.subapertures, min_cos),
+            planes: PlaneField::new(settings.subapertures, settings.subapertures.plane_min_cos(&config.beam)),
+            voxel_m: settings.subapertures.voxel_m,
         }
     }
 
@@ -55,8 +55,8 @@ impl Imaging {
 
     /// Local maxima of planes and points since a time, by falling score.
     pub fn peaks(&mut self, config: &RoomConfig, since_ns: i64) -> (Vec<PlanePeak>, Vec<Peak>) {
-        let clean = config.settings.explain;
-        let planes = self.planes.peaks(clean.plane_min_score, clean.plane_min_blocks, since_ns);
+        let clean = config.settings.clean;
+        let planes = self.planes.peaks(clean.plane_min_score, clean.plane_min_subapertures, since_ns);
         (planes, self.field.peaks(clean.min_candidate_score, PEAK_RADIUS_M, since_ns))
     }
 
@@ -104,6 +104,6 @@ impl Imaging {
 
 /// The planes and points to test, of an update's maxima.
 pub(super) fn candidates(planes: &[PlanePeak], peaks: &[Peak], config: &RoomConfig) -> (Vec<Plane>, Vec<DVec3>) {
-    let most = config.settings.explain.max_candidates;
+    let most = config.settings.clean.max_candidates;
     (planes.iter().map(|p| p.plane).collect(), peaks.iter().take(most).map(|p| p.position_m).collect())
 }

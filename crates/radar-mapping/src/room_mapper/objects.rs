@@ -13,7 +13,7 @@ use super::shapes::{CELL_M, Shape, by_falling_score, cell_of, center_of};
 use super::window::Window;
 use crate::existence::{Existence, Likelihood};
 use crate::{
-    Detection, ExistenceSettings, MapSettings, Observed, Obstacle, SavedMap, SavedPoint, Track, TrackList, same_point,
+    Detection, ExistenceSettings, Observed, Obstacle, SavedMap, SavedPoint, Track, TrackList, TrackSettings, same_point,
 };
 
 /// Tracks nearer to each other than this are one obstacle, metres (choice).
@@ -72,10 +72,10 @@ impl ObjectMap {
     }
 
     /// Updates the tracks with an update's detections; returns how many of these counted as hits.
-    pub fn update(&mut self, points: &[Detection<DVec3>], settings: &MapSettings) -> usize {
+    pub fn update(&mut self, points: &[Detection<DVec3>], settings: &TrackSettings) -> usize {
         self.tracks.update(points, settings, same_point(settings.match_m));
         // Objects that exist with certainty are no longer provisional.
-        let (enough, existences) = (settings.forget.confirm, &self.existences);
+        let (enough, existences) = (settings.existence.confirm_log_odds, &self.existences);
         self.tracks.confirm_provisional(|id| existences.get(&id).is_some_and(|e| e.log_odds() >= enough));
         points.iter().filter(|point| settings.is_hit(point)).count()
     }
@@ -93,7 +93,7 @@ impl ObjectMap {
             let existence = self.existences.entry(id).or_insert_with(Existence::new);
             existence.update(with_subaperture(window, likelihoods.iter().copied()), settings);
             if let Some(new) = self.tracks.confirmed().find(|point| is_new && point.id == id) {
-                existence.limit_initial_log_odds(settings.newly * new.log_odds);
+                existence.limit_initial_log_odds(settings.initial_share * new.log_odds);
             }
         }
         let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
@@ -256,7 +256,7 @@ mod tests {
 
     #[test]
     fn removing_certain_object_weakens_only_its_neighbours() {
-        let settings = MapSettings::default();
+        let settings = TrackSettings::default();
         let beside = |gone: Existence| {
             let mut objects = ObjectMap::default();
             for (id, at_m) in [(1, 0.0), (2, 0.9 * LATERAL_M), (3, 1.1 * LATERAL_M)] {
@@ -267,13 +267,13 @@ mod tests {
             let mut window = Window::default();
             let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
             sweeps(1.0, winding, &[], 3).into_iter().filter_map(|o| builder.push(o)).for_each(|s| window.push(s));
-            let removed = objects.update_existence(&[], &[], &window, &settings.forget);
+            let removed = objects.update_existence(&[], &[], &window, &settings.existence);
             assert_eq!((removed.count, removed.positions_m.len()), (1, 1));
             assert!(objects.confirmed().all(|point| point.id != 1), "it is gone");
             [2, 3].map(|id| objects.existences[&id].log_odds())
         };
         let known = Existence::restored([1.0; 16]).log_odds();
-        assert_eq!(beside(Existence::known_and_gone()), [settings.forget.beside, known]);
+        assert_eq!(beside(Existence::known_and_gone()), [settings.existence.neighbour_log_odds, known]);
         assert_eq!(beside(Existence::new()), [known, known], "it may never have been a real object");
     }
 }

@@ -43,7 +43,7 @@ impl Refinement<'_> {
 
     /// The position of the sub-aperture score and that of `ls`, weighted by their covariances.
     fn refined_position(&self, at: DVec3) -> (DVec3, DMat3) {
-        let block_variance = (self.config.settings.blocks.voxel_m * 0.5).powi(2);
+        let block_variance = (self.config.settings.subapertures.voxel_m * 0.5).powi(2);
         let by_blocks = (at, DMat3::from_diagonal(DVec3::splat(block_variance)));
         let Some(by_ls) = self.refined_by_ls(at) else { return by_blocks };
         let (block_information, ls_information) = (by_blocks.1.inverse(), by_ls.covariance_m2.inverse());
@@ -53,14 +53,14 @@ impl Refinement<'_> {
     }
 
     fn refined_by_ls(&self, at: DVec3) -> Option<Refined> {
-        let blocks = &self.config.settings.blocks;
+        let blocks = &self.config.settings.subapertures;
         let sees =
             |o: &&Observation| blocks.within(&o.geometry.axis).sees(&o.tracking_from_sensor, self.config.min_cos, at);
         let seen: Vec<&Observation> = self.intake.window_sweeps().filter(sees).collect();
         let positions: Vec<DVec3> = seen.iter().map(|o| o.tracking_from_sensor.translation).collect();
         let chosen: Vec<Observation> =
             farthest_points(&positions, REFINE_SWEEPS).into_iter().map(|n| seen[n].clone()).collect();
-        let mut power = RangePower::new(&chosen, &self.config.beam, self.config.settings.blocks.min_range_m);
+        let mut power = RangePower::new(&chosen, &self.config.beam, self.config.settings.subapertures.min_range_m);
         for other in self.points.iter().filter(|p| p.estimate.distance(at) > PEAK_RADIUS_M) {
             power.mask_point(other.estimate);
         }

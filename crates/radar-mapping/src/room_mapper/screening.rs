@@ -54,7 +54,7 @@ impl Screening<'_> {
     /// Confirmed objects that still exist. Objects just removed are excluded, so the same
     /// sub-apertures cannot confirm them again.
     pub fn known_detections(&self, detections: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
-        let is_same = same_point(self.config.settings.map.match_m);
+        let is_same = same_point(self.config.settings.tracks.match_m);
         let is_known = |place: DVec3| self.objects.confirmed().any(|known| is_same(&known.estimate, &place));
         let known = detections.places.iter().filter(|place| is_known(place.estimate));
         known.map(|place| self.score_candidate(place, no_history(place))).collect()
@@ -62,13 +62,13 @@ impl Screening<'_> {
 
     /// New detections that still exist by the newest sub-apertures that could see them.
     pub fn new_detections(&self, new: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
-        let settings = &self.config.settings.map.forget;
+        let settings = &self.config.settings.tracks.existence;
         let is_there = |responses: &[Option<Response>]| {
             let mut existence = Existence::new();
             let likelihoods =
                 responses.iter().map(|response| response.map(|response| Likelihood { response, is_masked: false }));
             existence.update(with_subaperture(self.window, likelihoods), settings);
-            existence.log_odds() >= settings.confirm
+            existence.log_odds() >= settings.confirm_log_odds
         };
         let places = new.places.iter().zip(&new.query_indices);
         let there = places.filter(|(place, query_index)| {
@@ -112,7 +112,7 @@ impl Screening<'_> {
     }
 
     fn surroundings(&self, place: DVec3, history: HistorySummary) -> Surroundings {
-        let is_same = same_point(self.config.settings.map.match_m);
+        let is_same = same_point(self.config.settings.tracks.match_m);
         let level = |to: DVec3| to.with_y(0.0).length();
         let others = || self.objects.confirmed().filter(|known| !is_same(&known.estimate, &place));
         let distance_m = |known: &&Track<DVec3>| known.estimate.distance(place);
@@ -137,7 +137,7 @@ impl Screening<'_> {
 
     /// Whether a detection may be a new object, within the limits of the settings.
     fn may_be_new(&self, place: &Detection<DVec3>) -> bool {
-        self.is_new(place) && place.farthest_m >= self.config.settings.map.hands_reach_m
+        self.is_new(place) && place.farthest_m >= self.config.settings.tracks.hands_reach_m
     }
 
     /// Whether it is observable and not a known object.
@@ -147,7 +147,7 @@ impl Screening<'_> {
 
     /// Whether it would be new if it were observable.
     fn would_be_new(&self, place: &Detection<DVec3>) -> bool {
-        let map = &self.config.settings.map;
+        let map = &self.config.settings.tracks;
         let is_same = same_point(map.match_m);
         place.score >= map.confirm_score
             && !self.objects.confirmed().any(|known| is_same(&known.estimate, &place.estimate))
@@ -167,13 +167,13 @@ impl Screening<'_> {
         let evidence = self.window.history.evidence_at(
             place.estimate,
             responses,
-            (&self.config.settings.blocks, self.config.min_cos),
+            (&self.config.settings.subapertures, self.config.min_cos),
             &self.config.beam,
         );
         let seen = self.window.iter().zip(responses).filter_map(|(block, response)| Some((block, response.as_ref()?)));
         let significant = seen.filter(|(_, response)| response.is_significant());
         let sigma_m = sigma_m(&information(evidence.information, significant).inverse());
-        let is_determined = evidence.log_odds > 0.0 && sigma_m <= self.config.settings.explain.max_sigma_m;
+        let is_determined = evidence.log_odds > 0.0 && sigma_m <= self.config.settings.clean.max_sigma_m;
         let history = HistorySummary { log_odds: evidence.log_odds, sigma_m, significant: evidence.significant };
         (Detection { observable: place.observable || is_determined, ..*place }, history)
     }
@@ -252,8 +252,8 @@ mod tests {
             let mut window = CleanWindow::new(
                 window,
                 &search.hands,
-                &settings.explain,
-                &settings.blocks,
+                &settings.clean,
+                &settings.subapertures,
                 &search.config.beam,
                 &mut memory,
             );

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::window::Window;
 use crate::clean::hand_masks;
-use crate::{Detection, HandTrail, MapSettings, SavedMap, SavedWall, Track, TrackList, Wall, same_plane};
+use crate::{Detection, HandTrail, SavedMap, SavedWall, Track, TrackList, TrackSettings, Wall, same_plane};
 use radar_sar::geometry::{Aabb, Plane};
 use radar_sar::subaperture::Subaperture;
 
@@ -75,7 +75,7 @@ impl WallMap {
     }
 
     /// Updates the tracks with an update's detections; returns how many of these counted as hits.
-    pub fn update(&mut self, walls: &[Detection<Plane>], settings: &MapSettings, middle: DVec3) -> usize {
+    pub fn update(&mut self, walls: &[Detection<Plane>], settings: &TrackSettings, middle: DVec3) -> usize {
         let settings = settings.for_planes();
         self.tracks.update(walls, &settings, same_plane(middle));
         walls.iter().filter(|wall| settings.is_hit(wall)).count()

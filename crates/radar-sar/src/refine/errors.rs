@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::{BoundedSettings, SettingBound, bounds};
+
 /// Sizes of the pose errors. The defaults are those of good Lighthouse tracking.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -23,6 +25,16 @@ pub struct PositionErrors {
 
 /// Lever arm from the tracked point to the sensor, metres: for a sensor at a headset's front.
 const ARM_M: f64 = 0.1;
+
+impl BoundedSettings for PositionErrors {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        wander_m: 0.0, 1.0;
+        wander_s: 0.01, 1e4;
+        mount_m: 0.0, 1.0;
+        jitter_m: 0.0, 1.0;
+        rotation_deg: 0.0, 90.0;
+    ];
+}
 
 impl Default for PositionErrors {
     /// A jitter of 0.3 mm per pose is reduced to 0.14 mm by the local cubic fit over eleven poses.

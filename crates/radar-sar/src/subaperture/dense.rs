@@ -44,7 +44,7 @@ pub fn subaperture_volume(
             let relative = |&n: &usize| (centers[n] - block.middle.translation).as_vec3().to_array();
             let places: Vec<[f32; 3]> = seen.iter().map(relative).collect();
             let age_s = (newest_ns - block.mid_time_ns) as f64 * 1e-9;
-            let rho = math::exp(-age_s / settings.memory_s);
+            let rho = math::exp(-age_s / settings.decay_s);
             for (n, coherence) in seen.into_iter().zip(block.coherence_at_points(&places)) {
                 sums[n].0 += rho * (math::ln_1p(f64::from(coherence.m)) - MEAN_LOG_OF_NOISE);
                 sums[n].1 += rho * rho;

@@ -206,7 +206,7 @@ impl Field {
     }
 
     fn epoch_ns(&self) -> f64 {
-        self.settings.memory_s * std::f64::consts::LN_2 * f64::from(EPOCH_DOUBLINGS) * 1e9
+        self.settings.decay_s * std::f64::consts::LN_2 * f64::from(EPOCH_DOUBLINGS) * 1e9
     }
 
     fn moment(&mut self, time_ns: i64) -> Moment {
@@ -577,7 +577,7 @@ mod tests {
     fn score_depends_only_on_subapertures_that_cover_the_voxel() {
         // Head turned away for a while, over several epochs; another field begins in the middle of
         // it.
-        let settings = SubapertureSettings { memory_s: 0.02, ..SubapertureSettings::default() };
+        let settings = SubapertureSettings { decay_s: 0.02, ..SubapertureSettings::default() };
         let new = || Field::new(settings, settings.min_cos(&Beam::Lensless));
         let blocks = blocks(sweeps(1.5, winding, &[(Echo::Point(CHAIR), 1.0)], 6));
         let mut away = blocks.clone();
@@ -622,7 +622,7 @@ mod tests {
             let burst = if n % 977 < 3 { 1e4 } else { 1.0 };
             let m: Lanes = std::array::from_fn(|_| (-(1.0 - uniform()).ln() * burst) as f32);
             layer.add(&m, &[true; LANES], field.moment(time_ns));
-            let rho = (-((time_ns - before_ns) as f64 * 1e-9) / field.settings.memory_s).exp();
+            let rho = (-((time_ns - before_ns) as f64 * 1e-9) / field.settings.decay_s).exp();
             before_ns = time_ns;
             for l in 0..LANES {
                 a[l] = rho * a[l] + f64::from(m[l]).ln_1p() - MEAN_LOG_OF_NOISE;

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Field, Peak, Subaperture, SubapertureSettings};
 use crate::geometry::Aabb;
+use crate::{BoundedSettings, SettingBound, bounds};
 
 /// Parameters of the fine field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -29,12 +30,22 @@ pub struct FineSettings {
     /// Greatest number of bricks held.
     pub max_bricks: usize,
     /// Updates after which a brick that is not requested is dropped.
-    pub keep_looks: u32,
+    pub keep_updates: u32,
+}
+
+impl BoundedSettings for FineSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        voxel_m: 0.005, 0.05;
+        min_score: 0.0, 1e6;
+        max_opened: 0.0, 1e4;
+        max_bricks: 0.0, 1e5;
+        keep_updates: 0.0, 1e4;
+    ];
 }
 
 impl Default for FineSettings {
     fn default() -> Self {
-        Self { voxel_m: 0.01, min_score: 3.5, max_opened: 150, max_bricks: 4000, keep_looks: 4 }
+        Self { voxel_m: 0.01, min_score: 3.5, max_opened: 150, max_bricks: 4000, keep_updates: 4 }
     }
 }
 
@@ -140,7 +151,7 @@ impl FineField {
                 }
             }
         }
-        let keep = self.settings.keep_looks;
+        let keep = self.settings.keep_updates;
         let dropped: Vec<[i32; 3]> = self.open.iter().filter(|(_, o)| o.idle > keep).map(|(key, _)| *key).collect();
         dropped.iter().for_each(|key| {
             self.open.remove(key);
@@ -273,7 +284,7 @@ mod tests {
     #[test]
     fn work_is_bounded_carried_over_and_counted() {
         let blocks = blocks();
-        let mut fine = fine(FineSettings { max_opened: 5, max_bricks: 12, keep_looks: 1, ..FineSettings::default() });
+        let mut fine = fine(FineSettings { max_opened: 5, max_bricks: 12, keep_updates: 1, ..FineSettings::default() });
         blocks.iter().for_each(|block| fine.push_subaperture(block));
         let cube = Aabb { min: CHAIR - 0.05, max: CHAIR + 0.05 };
         let asked = fine.field().keys_around(&cube).len() as u64;
@@ -300,7 +311,7 @@ mod tests {
     #[test]
     fn unread_bricks_are_updated_only_when_their_subapertures_expire() {
         let blocks = blocks();
-        let mut fine = fine(FineSettings { keep_looks: 0, ..FineSettings::default() });
+        let mut fine = fine(FineSettings { keep_updates: 0, ..FineSettings::default() });
         blocks.iter().for_each(|block| fine.push_subaperture(block));
         fine.request(&[CHAIR], 0.1);
         fine.pop_subaperture(&blocks[0]);

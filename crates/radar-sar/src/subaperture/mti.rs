@@ -105,14 +105,14 @@ impl MtiResult {
 #[derive(Debug, Clone)]
 pub struct MtiFilter {
     edge_cos: f64,
-    alarms_per_block: f64,
+    alarms_per_subaperture: f64,
 }
 
 impl MtiFilter {
-    /// `alarms_per_block`: upper bound of the mean number of false alarms per sub-aperture of
+    /// `alarms_per_subaperture`: upper bound of the mean number of false alarms per sub-aperture of
     /// noise.
-    pub fn new(beam: &Beam, alarms_per_block: f64) -> Self {
-        Self { edge_cos: beam.cut_off_cos(BEAM_EDGE_AMPLITUDE), alarms_per_block }
+    pub fn new(beam: &Beam, alarms_per_subaperture: f64) -> Self {
+        Self { edge_cos: beam.cut_off_cos(BEAM_EDGE_AMPLITUDE), alarms_per_subaperture }
     }
 
     /// Moving targets in a sub-aperture; `None` where clutter leaves no usable Doppler interval.
@@ -127,7 +127,7 @@ impl MtiFilter {
         let basis = slow.clutter_basis(half)?;
         on_widest(Project { basis: &basis, sweeps: slow.sweeps(), width: data.width, data: &mut data.values });
         let spectrum = Spectrum::of(&slow, &data, &cells, basis.len() / slow.padded());
-        let bound = math::ln(cells.len() as f64 * data.ranges as f64 / self.alarms_per_block);
+        let bound = math::ln(cells.len() as f64 * data.ranges as f64 / self.alarms_per_subaperture);
         let range_m = |bin: f64| f64::from(block.first_m) + bin * data.step_m;
         let echoes = spectrum.echoes(bound, data.step_m).into_iter().map(|(bin, rate, power)| MtiEcho {
             range_m: range_m(bin),

@@ -69,7 +69,7 @@ impl PlaneField {
         }
         let start_ns = *self.start_ns.get_or_insert(block.mid_time_ns);
         let now_s = ((block.mid_time_ns - start_ns) as f64 * 1e-9) as f32;
-        let memory_s = self.settings.memory_s as f32;
+        let decay_s = self.settings.decay_s as f32;
         let (origin, min_cos) = (self.origin, self.min_cos);
         // Walls are strong, so they are followed half a metre beyond the range used for obstacles.
         let max_range_m = self.settings.max_range_m + 0.5;
@@ -86,7 +86,7 @@ impl PlaneField {
             let toward = toward.as_vec3().to_array();
             let planes: Vec<_> = (first..beyond).map(|n| PlaneAt { toward, distance_m: distance_m(n) }).collect();
             for (cell, coherence) in cells[first..].iter_mut().zip(block.coherence_of_planes(&planes)) {
-                cell.add(coherence.m, now_s, memory_s);
+                cell.add(coherence.m, now_s, decay_s);
             }
         });
     }
@@ -129,8 +129,8 @@ fn offset_m(steps: i32) -> f64 {
 }
 
 impl Cell {
-    fn add(&mut self, m: f32, now_s: f32, memory_s: f32) {
-        let rho = math::exp(-(now_s - self.seen_s) / memory_s);
+    fn add(&mut self, m: f32, now_s: f32, decay_s: f32) {
+        let rho = math::exp(-(now_s - self.seen_s) / decay_s);
         self.a = rho * self.a + math::ln_1p(m) - MEAN_LOG_OF_NOISE as f32;
         self.b = rho * rho * self.b + 1.0;
         self.seen_s = now_s;

@@ -39,10 +39,10 @@ struct Cumulants {
 }
 
 impl NoiseTail {
-    /// For `blocks` sub-apertures of `sweeps` sweeps, one every `block_s`, decaying with
-    /// `memory_s`.
-    pub fn new(sweeps: f64, blocks: usize, block_s: f64, memory_s: f64) -> Self {
-        let weights = (0..blocks).map(|n| math::exp(-(n as f64) * block_s / memory_s));
+    /// For `blocks` sub-apertures of `sweeps` sweeps, one every `period_s`, decaying with
+    /// `decay_s`.
+    pub fn new(sweeps: f64, blocks: usize, period_s: f64, decay_s: f64) -> Self {
+        let weights = (0..blocks).map(|n| math::exp(-(n as f64) * period_s / decay_s));
         let weights: Vec<f64> = weights.take_while(|weight| *weight > NEGLIGIBLE_SHARE).collect();
         let root = weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
         Self { shares: weights.iter().map(|weight| weight / root).collect(), divisors: divisors(sweeps) }

@@ -4,23 +4,23 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Pose;
-use crate::math;
 use crate::{Beam, Observation, RangeAxis};
+use crate::{BoundedSettings, SettingBound, bounds, math};
 
 /// Parameters of the sub-aperture statistic.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SubapertureSettings {
     /// Length of a sub-aperture, seconds.
-    pub block_s: f64,
+    pub duration_s: f64,
     /// A sub-aperture of fewer sweeps is dropped.
     pub min_sweeps: usize,
     /// Time in which old evidence decays to 1/e relative to new evidence, seconds.
-    pub memory_s: f64,
+    pub decay_s: f64,
     /// Least two-way amplitude at which a point counts as in the beam.
     pub min_amplitude: f64,
     /// The same for a plane such as a wall. It is lower because planes return far more power.
-    pub mirror_min_amplitude: f64,
+    pub plane_min_amplitude: f64,
     /// Nearest range used, metres.
     pub min_range_m: f64,
     /// Farthest range used, metres.
@@ -29,14 +29,27 @@ pub struct SubapertureSettings {
     pub voxel_m: f64,
 }
 
+impl BoundedSettings for SubapertureSettings {
+    const BOUNDS: &'static [SettingBound<Self>] = bounds![
+        duration_s: 0.01, 0.5;
+        min_sweeps: 2.0, 1e4;
+        decay_s: 0.1, 100.0;
+        min_amplitude: 0.01, 1.0;
+        plane_min_amplitude: 0.001, 1.0;
+        min_range_m: 0.05, 10.0;
+        max_range_m: 0.05, 5.0;
+        voxel_m: 0.02, 0.5;
+    ];
+}
+
 impl Default for SubapertureSettings {
     fn default() -> Self {
         Self {
-            block_s: 0.090,
+            duration_s: 0.090,
             min_sweeps: 8,
-            memory_s: 1.5,
+            decay_s: 1.5,
             min_amplitude: 0.25,
-            mirror_min_amplitude: 0.01,
+            plane_min_amplitude: 0.01,
             min_range_m: 0.35,
             max_range_m: 2.3,
             voxel_m: 0.05,
@@ -52,8 +65,8 @@ impl SubapertureSettings {
     }
 
     /// Cosine of the widest angle at which a plane counts as in the beam.
-    pub fn mirror_min_cos(&self, beam: &Beam) -> f64 {
-        beam.cut_off_cos(self.mirror_min_amplitude)
+    pub fn plane_min_cos(&self, beam: &Beam) -> f64 {
+        beam.cut_off_cos(self.plane_min_amplitude)
     }
 
     /// The same, limited to a sweep's range axis: sweeps carry no information beyond it.
@@ -79,9 +92,9 @@ impl SubapertureSettings {
     /// last sweep was at `last_ns`: it lies within the sub-aperture's length, and the pause before
     /// it is shorter than a third of that length.
     pub fn continues(&self, first_ns: i64, last_ns: i64, time_ns: i64) -> bool {
-        let block_ns = self.block_s * 1e9;
-        ((time_ns.saturating_sub(first_ns)) as f64) < block_ns
-            && ((time_ns.saturating_sub(last_ns)) as f64) < block_ns / 3.0
+        let duration_ns = self.duration_s * 1e9;
+        ((time_ns.saturating_sub(first_ns)) as f64) < duration_ns
+            && ((time_ns.saturating_sub(last_ns)) as f64) < duration_ns / 3.0
     }
 }
 

@@ -156,7 +156,7 @@ fn head(standing_from_head: &Pose, settings: &Settings) -> Head {
         at_m: [at.x, at.z].map(|v| (v * 50.0).round() / 50.0),
         forward: [angle.cos(), angle.sin()],
         beam_rad: settings.radar.beam.cut_off_cos(BEAM_EDGE_AMPLITUDE).acos(),
-        beam_m: settings.rooms.blocks.max_range_m,
+        beam_m: settings.rooms.subapertures.max_range_m,
     }
 }
 
