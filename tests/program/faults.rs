@@ -1,7 +1,7 @@
 //! Every fault on the sensor's line, 40 times each; the example `a121_faults` of `crates/a121` does
 //! the same a thousand times.
 
-#[path = "../../crates/a121/examples/a121_faults/trial.rs"]
+#[path = "../../crates/a121/examples/a121_faults/trial/mod.rs"]
 mod trial;
 
 use a121::device::Fault;

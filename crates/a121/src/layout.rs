@@ -48,13 +48,15 @@ impl ResultLayout {
             let (frame, later) = rest.split_at((samples * SAMPLE_BYTES).min(rest.len()));
             rest = later;
             let (samples, _) = frame.as_chunks::<SAMPLE_BYTES>();
-            samples
-                .iter()
-                .map(|&[a, b, c, d]| Complex::new(i16::from_le_bytes([a, b]), i16::from_le_bytes([c, d])))
-                .collect()
+            samples.iter().map(|&sample| sample_from_le_bytes(sample)).collect()
         });
         frames.collect()
     }
+}
+
+/// A sample as it is sent and stored.
+pub(crate) fn sample_from_le_bytes([a, b, c, d]: [u8; SAMPLE_BYTES]) -> Complex<i16> {
+    Complex::new(i16::from_le_bytes([a, b]), i16::from_le_bytes([c, d]))
 }
 
 #[cfg(test)]

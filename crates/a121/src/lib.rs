@@ -22,7 +22,8 @@
 //! them; their phase grows with range (+4πr/λ, measured).
 //!
 //! The feature `simulated-board` adds the module `device`: a board, with faults on request, for
-//! tests without hardware.
+//! tests without hardware. The feature `vendor-h5` adds the module `vendor_h5`: reading the `.h5`
+//! recordings of the vendor's exploration tool.
 //!
 //! # Example
 //!
@@ -101,6 +102,8 @@ mod test_stream;
 mod tick_dequantiser;
 mod ticks;
 mod timing;
+#[cfg(feature = "vendor-h5")]
+pub mod vendor_h5;
 mod version;
 
 pub use clock::{Clock, ClockReport};

@@ -1,11 +1,17 @@
 //! Tests of the session with a simulated board, in simulated time.
 
+use std::collections::VecDeque;
+
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::super::test_stream::{Fault, Sent, TestBoard, small_setup};
+use super::board::MAX_ANSWERS;
+use super::input::QUIET_NS;
+use super::outbox::MAX_EVENTS;
 use super::*;
+use crate::{Frame, SensorSetup};
 
 /// Latency of the system, nanoseconds; the transfer time comes on top.
 const DELAY_NS: i64 = 100_000;
@@ -72,7 +78,7 @@ impl Bench {
         while let Some(action) = self.session.next_action() {
             self.actions.push(action.clone());
             match action {
-                Action::Send(bytes) if self.port_baud == self.board.baud || self.session.link == Link::Tcp => {
+                Action::Send(bytes) if self.port_baud == self.board.baud || self.session.plan.link == Link::Tcp => {
                     let answer = self.board.answer(&bytes, self.now_ns);
                     self.on_the_way.push_back((self.now_ns + DELAY_NS, answer));
                 }
@@ -310,7 +316,7 @@ fn damaged_system_info_is_not_accepted() {
         (bench.board.ticks_per_second, bench.board.rss_version) = (sound.ticks_per_second, sound.rss_version);
         bench.run_s(2.0);
         assert!(bench.troubles().is_empty() && bench.frames().len() > 50, "{ticks} {version}");
-        assert_eq!(bench.session.board.as_ref().unwrap().info.ticks_per_second, 1_000_000);
+        assert_eq!(bench.session.board.known.as_ref().unwrap().info.ticks_per_second, 1_000_000);
     }
     // A board with ever-changing replies is given up for now.
     let mut bench = Bench::serial();
@@ -410,9 +416,10 @@ fn unread_events_are_bounded_and_counted() {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
     for _ in 0..MAX_EVENTS + 10 {
-        bench.session.push_event(Event::Streaming);
+        bench.session.outbox.report(Event::Streaming);
     }
-    assert_eq!((bench.session.events.len(), bench.session.counters().dropped_events), (MAX_EVENTS, 10));
+    assert_eq!(bench.session.counters().dropped_events, 10);
+    assert_eq!(std::iter::from_fn(|| bench.session.next_event()).count(), MAX_EVENTS);
 }
 
 /// A session over TCP that has received these lines, one at a time.
@@ -443,7 +450,7 @@ fn damaged_system_info_does_not_end_the_session() {
         assert_eq!(commands_of(&mut session), 2, "asked again after {wrong}");
         (0..2).for_each(|_| session.receive(right_info.as_bytes(), 2_000_000));
         session.receive(SENSORS.as_bytes(), 3_000_000);
-        assert_eq!(session.board.as_ref().unwrap().info.ticks_per_second, 1_000_000, "{wrong}");
+        assert_eq!(session.board.known.as_ref().unwrap().info.ticks_per_second, 1_000_000, "{wrong}");
         assert!(matches!(session.next_event(), Some(Event::Connected(..))));
         // The same reply twice is accepted.
         let mut session = session_with_lines(small_setup(), &[&wrong_info, &wrong_info]);

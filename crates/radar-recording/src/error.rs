@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use a121::ConfigError;
+use a121::vendor_h5::VendorFileError;
 
 /// A recording that cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -66,6 +67,9 @@ pub enum RecordingError {
 /// A recording of another program, or a track, that cannot be imported.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
+    /// A recording of the vendor's tool that cannot be read.
+    #[error(transparent)]
+    Vendor(#[from] VendorFileError),
     /// The system refused a file operation.
     #[error("cannot read {path}: {source}")]
     Io {
@@ -77,45 +81,17 @@ pub enum ImportError {
     /// A directory or device instead of a file.
     #[error("{0} is a folder or a device: give the file itself")]
     NotAFile(PathBuf),
-    /// Larger than anything that the vendor's tool records at once.
+    /// Larger than a track of hours.
     #[error("{path}: {what} is {bytes} bytes, more than the {max} bytes that are imported: record in shorter pieces")]
     TooBig {
         /// The file.
         path: PathBuf,
-        /// The file, data set or chunk.
+        /// What is too big.
         what: String,
         /// Its size, bytes.
         bytes: u64,
         /// The limit, bytes.
         max: u64,
-    },
-    /// Not an HDF5 file, or truncated or damaged.
-    #[error("{path} cannot be read as HDF5 (at {at}): {reason}; it is damaged, cut short or of another format")]
-    Hdf5 {
-        /// The file.
-        path: PathBuf,
-        /// The object in the file.
-        at: String,
-        /// The HDF5 reader's message.
-        reason: String,
-    },
-    /// An HDF5 file with another layout than the vendor's exploration tool writes.
-    #[error("{path}: {at} {reason}; is it a recording of the vendor's A121 exploration tool?")]
-    Layout {
-        /// The file.
-        path: PathBuf,
-        /// The object in the file.
-        at: String,
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// The configuration breaks a rule of the sensor.
-    #[error("{path}: the sensor configuration breaks a rule of the sensor: {source}")]
-    Config {
-        /// The file.
-        path: PathBuf,
-        /// The broken rule.
-        source: ConfigError,
     },
     /// An invalid line of a track.
     #[error("{path}, line {line}: {reason}; {example}")]

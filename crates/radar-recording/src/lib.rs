@@ -1,5 +1,5 @@
 //! Recordings of radar frames, head poses and hands as MCAP files, which Foxglove opens; imports of
-//! the vendor's .h5 files and of pose tracks; saved maps of rooms.
+//! the vendor's .h5 files, which a121 reads, and of pose tracks; saved maps of rooms.
 //!
 //! Nothing in a file is trusted: a damaged or truncated file gives the events that can be read, and
 //! a report of the rest. It is not a general MCAP library: it reads recordings of its own format
@@ -73,7 +73,6 @@ mod summary;
 mod test_files;
 mod track;
 mod tum;
-mod vendor_h5;
 mod writer;
 
 pub use damage::Damage;

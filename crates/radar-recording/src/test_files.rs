@@ -1,4 +1,4 @@
-//! Files for the tests of this module: small generated ones, and real recordings if available.
+//! Files for the tests of this module: small generated ones, and real recordings.
 
 use radar_mapping::Event;
 use std::path::{Path, PathBuf};
@@ -39,14 +39,15 @@ impl Drop for TestFile {
     }
 }
 
-/// Path of a real recording; `None`, with a message, if it is not available.
-pub fn real_recording(name: &str) -> Option<PathBuf> {
+/// Path of a recording of the vendor.
+///
+/// # Panics
+/// If it is not available. Tests that need one are ignored unless asked for: none passes by doing
+/// nothing.
+pub fn real_recording(name: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/recordings").join(name);
-    if !path.exists() {
-        println!("skipped: needs ../shared/recordings");
-        return None;
-    }
-    Some(path)
+    assert!(path.exists(), "{} does not exist: this test needs the vendor's recordings", path.display());
+    path
 }
 
 pub fn header() -> Header {

@@ -164,7 +164,7 @@ fn slow_line_delays_and_marks_frames() {
     // While nobody reads, nothing is measured and memory stays bounded.
     bench.device.set_blocked(true, bench.now_ns);
     bench.run_s(100.0);
-    assert!(bench.device.take_sent().len() <= KEPT_RESULTS);
+    assert!(bench.device.take_sent().len() <= transmitter::KEPT_RESULTS);
     bench.device.set_blocked(false, bench.now_ns);
     bench.run_s(1.0);
     assert!(bench.device.take_sent().len() > 20);

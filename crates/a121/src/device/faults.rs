@@ -144,18 +144,35 @@ impl FaultPlan {
     }
 }
 
-/// A plan in progress, with the random numbers of all faults.
+/// Effects of faults that wait for their occasion.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Effects {
+    /// The next command is refused.
+    pub refuses: bool,
+    /// The next result is at the limit of the converter.
+    pub saturates: bool,
+    /// The tick counter wraps soon after the next start.
+    pub wraps: bool,
+    /// The sensors request a calibration, until they are set up again.
+    pub asks_for_calibration: bool,
+}
+
+/// A plan in progress, faults whose occasion is still to come, and the random numbers of all
+/// faults.
 #[derive(Debug, Clone)]
-pub(super) struct Schedule {
+pub(super) struct Faults {
     pub rng: ChaCha8Rng,
     /// Kind, mean pause (s) and next time (host ns).
     due: Vec<(Fault, f64, i64)>,
     at_bytes: BTreeMap<u64, Fault>,
+    /// For a random byte of the next message.
+    pending: Vec<Fault>,
+    pub effects: Effects,
     sent_bytes: u64,
-    pub counts: BTreeMap<Fault, u64>,
+    counts: BTreeMap<Fault, u64>,
 }
 
-impl Schedule {
+impl Faults {
     pub fn new(plan: FaultPlan, seed: u64, now_ns: i64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xFA17);
         let rates = plan.rates_per_minute.into_iter().filter(|(_, rate)| *rate > 0.0);
@@ -164,9 +181,18 @@ impl Schedule {
             (fault, pause_s, now_ns.saturating_add(random_pause_ns(pause_s, &mut rng)))
         });
         let due = due.collect();
-        Self { rng, due, at_bytes: plan.at_bytes, sent_bytes: 0, counts: BTreeMap::new() }
+        Self {
+            rng,
+            due,
+            at_bytes: plan.at_bytes,
+            pending: Vec::new(),
+            effects: Effects::default(),
+            sent_bytes: 0,
+            counts: BTreeMap::new(),
+        }
     }
 
+    /// When [`Self::take`] is due, host nanoseconds.
     pub fn next_ns(&self) -> i64 {
         self.due.iter().map(|(_, _, at)| *at).min().unwrap_or(i64::MAX)
     }
@@ -178,19 +204,38 @@ impl Schedule {
         Some(*fault)
     }
 
+    /// Keeps a fault for a random byte of the next message.
+    pub fn defer(&mut self, fault: Fault) {
+        self.pending.push(fault);
+    }
+
     /// Faults for the bytes of the next message, as (offset in the message, kind).
-    pub fn at_bytes(&mut self, count: usize) -> Vec<(usize, Fault)> {
+    pub fn of_message(&mut self, count: usize) -> Vec<(usize, Fault)> {
         let beyond = self.sent_bytes + count as u64;
         let later = self.at_bytes.split_off(&beyond);
         let now = std::mem::replace(&mut self.at_bytes, later);
-        let struck = now.into_iter().map(|(at, fault)| (at.saturating_sub(self.sent_bytes) as usize, fault)).collect();
+        let mut struck: Vec<_> =
+            now.into_iter().map(|(at, fault)| (at.saturating_sub(self.sent_bytes) as usize, fault)).collect();
         self.sent_bytes = beyond;
+        for fault in std::mem::take(&mut self.pending) {
+            struck.push((self.rng.random_range(0..count), fault));
+        }
         struck
     }
 
-    pub fn seconds(&mut self, low_s: f64, high_s: f64) -> i64 {
-        (self.rng.random_range(low_s..high_s) * 1e9) as i64
+    pub fn count(&mut self, fault: Fault) {
+        *self.counts.entry(fault).or_default() += 1;
     }
+
+    /// How often each kind struck.
+    pub fn counts(&self) -> &BTreeMap<Fault, u64> {
+        &self.counts
+    }
+}
+
+/// A random duration between two in seconds, nanoseconds.
+pub(super) fn random_ns(low_s: f64, high_s: f64, rng: &mut ChaCha8Rng) -> i64 {
+    (rng.random_range(low_s..high_s) * 1e9) as i64
 }
 
 fn random_pause_ns(mean_s: f64, rng: &mut ChaCha8Rng) -> i64 {
@@ -216,11 +261,11 @@ mod tests {
     #[test]
     fn fault_rates_are_kept_and_seeds_repeat() {
         let times = |seed| {
-            let mut schedule = Schedule::new(FaultPlan::parse("flip=600,stall=60").unwrap(), seed, 0);
+            let mut faults = Faults::new(FaultPlan::parse("flip=600,stall=60").unwrap(), seed, 0);
             let mut times = Vec::new();
-            while schedule.next_ns() < 100_000_000_000 {
-                let now_ns = schedule.next_ns();
-                times.push((now_ns, schedule.take(now_ns).unwrap()));
+            while faults.next_ns() < 100_000_000_000 {
+                let now_ns = faults.next_ns();
+                times.push((now_ns, faults.take(now_ns).unwrap()));
             }
             times
         };
@@ -234,10 +279,10 @@ mod tests {
     #[test]
     fn faults_at_given_bytes_hit_their_message() {
         let at_bytes = BTreeMap::from([(3, Fault::Drop), (10, Fault::Flip), (25, Fault::Reboot)]);
-        let mut schedule = Schedule::new(FaultPlan { at_bytes, ..FaultPlan::default() }, 1, 0);
-        assert_eq!(schedule.at_bytes(10), [(3, Fault::Drop)]);
-        assert_eq!(schedule.at_bytes(10), [(0, Fault::Flip)]);
-        assert_eq!(schedule.at_bytes(5), []);
-        assert_eq!(schedule.at_bytes(1), [(0, Fault::Reboot)]);
+        let mut faults = Faults::new(FaultPlan { at_bytes, ..FaultPlan::default() }, 1, 0);
+        assert_eq!(faults.of_message(10), [(3, Fault::Drop)]);
+        assert_eq!(faults.of_message(10), [(0, Fault::Flip)]);
+        assert_eq!(faults.of_message(5), []);
+        assert_eq!(faults.of_message(1), [(0, Fault::Reboot)]);
     }
 }

@@ -10,23 +10,24 @@
 //! The caller passes bytes from the host to [`Device::receive`] and [`Device::receive_break`],
 //! calls [`Device::poll`] at [`Device::next_ns`], and passes the returned bytes on.
 //!
-//! Longer than other files: the board is one state machine, whose commands, results and faults share
-//! its state.
+//! [`Device`] is the board's state machine; the other files of this module are its parts, each of
+//! which owns its state.
 
 mod board;
 #[cfg(unix)]
 mod endpoint;
 mod faults;
 mod line;
+mod outgoing;
+mod output;
 mod protocol;
 mod samples;
+mod sensors;
 #[cfg(unix)]
 mod serve;
 mod stream;
+mod transmitter;
 
-use std::collections::BTreeMap;
-
-use num_complex::Complex;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -35,16 +36,20 @@ pub use board::Board;
 #[cfg(unix)]
 pub use endpoint::{ServeAddress, ServeError};
 pub use faults::{Fault, FaultPlan, FaultPlanError, MAX_FAULTS_PER_MINUTE};
+pub use output::{DeviceCounters, Output, SentResult};
 pub use samples::{FrameRequest, SampleSource, TickSeededNoise};
 #[cfg(unix)]
 pub use serve::{Server, monotonic_ns};
 pub use stream::SentInfo;
 
 use board::BoardClock;
-use faults::Schedule;
-use line::{AfterSent, Line, Transmission};
+use faults::{Faults, random_ns};
+use line::AfterSent;
+use outgoing::Outgoing;
 use protocol::BoardSetup;
-use stream::{Measured, Stream, Timing};
+use sensors::{Request, Sensors};
+use stream::{Measured, Stream};
+use transmitter::Transmitter;
 
 /// Baud rate after a break.
 const FIRST_BAUD: u32 = 115_200;
@@ -58,64 +63,10 @@ const BOOT_NS: i64 = 300_000_000;
 /// Shortest time from the end of a measurement until its result is sent, nanoseconds: readout and
 /// formatting. Choice.
 pub const READING_NS: i64 = 300_000;
-/// Mean of the additional time for that, and largest interrupt latency, nanoseconds. Choice.
+/// Mean of the additional time for that, nanoseconds. Choice.
 const READING_JITTER_NS: f64 = 50_000.0;
-const LATENCY_NS: i64 = 8_000;
-/// Results that a board can hold. Choice.
-const KEPT_RESULTS: usize = 2;
 /// Pauses between log lines while streaming, seconds. Choice.
 const LOG_PAUSE_S: (f64, f64) = (1.0, 10.0);
-/// Duration of the burst fault and interval of its bursts, nanoseconds. Choice.
-const BURST_NS: (i64, i64) = (1_000_000_000, 30_000_000);
-
-/// Output of a board.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Output {
-    /// Bytes reach the reader.
-    Bytes {
-        /// The bytes.
-        bytes: Vec<u8>,
-        /// Their baud rate; a reader at another rate gets noise. `None` if the line has no baud
-        /// rate.
-        baud: Option<u32>,
-    },
-    /// The board was unplugged.
-    Unplugged,
-    /// The board was plugged in again.
-    Plugged,
-}
-
-/// A result as the board sent it, for comparison with what arrives.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SentResult {
-    /// One per sensor, by group.
-    pub infos: Vec<SentInfo>,
-    /// True end of each sensor's measurement, host nanoseconds.
-    pub ends_ns: Vec<i64>,
-    /// Samples of all sensors, by group.
-    pub samples: Vec<Complex<i16>>,
-    /// Size of its JSON line.
-    pub line_bytes: usize,
-    /// Faults that hit it, as (offset, kind).
-    pub faults: Vec<(usize, Fault)>,
-}
-
-/// Counters of a board.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct DeviceCounters {
-    /// Results sent.
-    pub results: u64,
-    /// Results that were later than requested.
-    pub delayed: u64,
-    /// Results never sent, because the board hung or restarted.
-    pub lost: u64,
-    /// Bytes sent.
-    pub bytes: u64,
-    /// Commands received.
-    pub commands: u64,
-    /// Faults by kind.
-    pub faults: BTreeMap<Fault, u64>,
-}
 
 /// State of the board.
 enum State {
@@ -132,25 +83,14 @@ enum State {
 pub struct Device {
     board: Board,
     seed: u64,
-    clock: BoardClock,
-    line: Line,
-    schedule: Schedule,
+    sensors: Sensors,
+    transmitter: Transmitter,
+    faults: Faults,
     rng: ChaCha8Rng,
-    source: Box<dyn SampleSource + Send>,
     state: State,
     setup: Option<BoardSetup>,
+    /// The beginning of a command.
     command: Vec<u8>,
-    /// Faults for the next message.
-    pending_faults: Vec<Fault>,
-    refuses_next: bool,
-    saturates_next: bool,
-    asks_for_calibration: bool,
-    wraps_next: bool,
-    /// The board hangs until this host time.
-    hung_until_ns: i64,
-    next_log_ns: i64,
-    /// Since when there is room for another result, host nanoseconds.
-    slot_free_since_ns: i64,
     sent: Option<Vec<SentResult>>,
     counters: DeviceCounters,
 }
@@ -160,25 +100,17 @@ impl Device {
     pub fn new(board: Board, source: Box<dyn SampleSource + Send>, plan: FaultPlan, seed: u64, now_ns: i64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xB0A2D);
         let on_for_ns = (rng.random_range(2.0..2000.0) * 1e9) as i64;
+        let clock = BoardClock::new(board, seed, now_ns.saturating_sub(on_for_ns));
         Self {
             board,
             seed,
-            clock: BoardClock::new(board, seed, now_ns.saturating_sub(on_for_ns)),
-            line: Line::new(board.max_baudrate().map(|_| FIRST_BAUD)),
-            schedule: Schedule::new(plan, seed, now_ns),
+            sensors: Sensors::new(clock, source),
+            transmitter: Transmitter::new(board.max_baudrate().map(|_| FIRST_BAUD)),
+            faults: Faults::new(plan, seed, now_ns),
             rng,
-            source,
             state: State::Idle,
             setup: None,
             command: Vec::new(),
-            pending_faults: Vec::new(),
-            refuses_next: false,
-            saturates_next: false,
-            asks_for_calibration: false,
-            wraps_next: false,
-            hung_until_ns: i64::MIN,
-            next_log_ns: i64::MAX,
-            slot_free_since_ns: i64::MIN,
             sent: None,
             counters: DeviceCounters::default(),
         }
@@ -196,7 +128,7 @@ impl Device {
 
     /// Baud rate of the board's side; `None` if the line has no baud rate.
     pub fn baud(&self) -> Option<u32> {
-        self.line.baud
+        self.transmitter.line.baud
     }
 
     /// Whether the board streams.
@@ -206,34 +138,34 @@ impl Device {
 
     /// The counters.
     pub fn counters(&self) -> DeviceCounters {
-        DeviceCounters { faults: self.schedule.counts.clone(), ..self.counters.clone() }
+        DeviceCounters { faults: self.faults.counts().clone(), ..self.counters.clone() }
     }
 
     /// When [`Self::poll`] is due, host nanoseconds.
     pub fn next_ns(&self) -> i64 {
         let own_ns = match &self.state {
             State::Off { until_ns, .. } => *until_ns,
-            State::Streaming(stream) if self.line.results() < KEPT_RESULTS => stream.next.end_ns.min(self.next_log_ns),
-            State::Streaming(_) => self.next_log_ns,
+            State::Streaming(stream) if self.transmitter.has_room() => stream.next.end_ns.min(stream.next_log_ns),
+            State::Streaming(stream) => stream.next_log_ns,
             State::Idle => i64::MAX,
         };
-        own_ns.min(self.line.next_ns()).min(self.schedule.next_ns())
+        own_ns.min(self.transmitter.line.next_ns()).min(self.faults.next_ns())
     }
 
     /// Flow control: whether the reader accepts no bytes.
     pub fn set_blocked(&mut self, is_blocked: bool, now_ns: i64) {
-        self.line.set_blocked(is_blocked, now_ns);
+        self.transmitter.line.set_blocked(is_blocked, now_ns);
     }
 
     /// Performs what is due at a host time and appends what reaches the reader.
     pub fn poll(&mut self, now_ns: i64, out: &mut Vec<Output>) {
         loop {
-            while let Some((baud, bytes)) = self.line.arrive(now_ns) {
+            while let Some((baud, bytes)) = self.transmitter.line.arrive(now_ns) {
                 out.push(Output::Bytes { bytes, baud });
             }
-            if let Some(fault) = self.schedule.take(now_ns) {
+            if let Some(fault) = self.faults.take(now_ns) {
                 self.inject(fault, now_ns, out);
-            } else if let Some((left_ns, then)) = self.leave(now_ns) {
+            } else if let Some((left_ns, then)) = self.transmitter.leave(now_ns) {
                 if let AfterSent::Fault(fault) = then {
                     self.go_off(fault, left_ns, out);
                 }
@@ -243,18 +175,9 @@ impl Device {
         }
     }
 
-    fn leave(&mut self, now_ns: i64) -> Option<(i64, AfterSent)> {
-        let was_full = self.line.results() >= KEPT_RESULTS;
-        let left = self.line.leave(now_ns)?;
-        if was_full && self.line.results() < KEPT_RESULTS {
-            self.slot_free_since_ns = left.0;
-        }
-        Some(left)
-    }
-
     /// Performs one step of the board; returns false if nothing is due.
     fn step(&mut self, now_ns: i64, out: &mut Vec<Output>) -> bool {
-        match &self.state {
+        match &mut self.state {
             State::Off { until_ns, unplugged } if *until_ns <= now_ns => {
                 if *unplugged {
                     out.push(Output::Plugged);
@@ -264,14 +187,13 @@ impl Device {
                 }
                 true
             }
-            State::Streaming(_) if self.next_log_ns <= now_ns => {
-                self.next_log_ns = now_ns.saturating_add(self.log_pause_ns());
+            State::Streaming(stream) if stream.next_log_ns <= now_ns => {
+                stream.next_log_ns = now_ns.saturating_add(log_pause_ns(&mut self.rng));
                 self.send_log("still streaming", now_ns);
                 true
             }
-            State::Streaming(stream) if stream.next.end_ns <= now_ns && self.line.results() < KEPT_RESULTS => {
-                let read_ns = stream.next.end_ns.max(self.slot_free_since_ns);
-                self.finish_result(read_ns);
+            State::Streaming(stream) if stream.next.end_ns <= now_ns && self.transmitter.has_room() => {
+                self.finish_result();
                 true
             }
             _ => false,
@@ -283,16 +205,15 @@ impl Device {
         if matches!(self.state, State::Off { .. }) {
             return;
         }
-        self.line.clear(false);
+        self.transmitter.line.clear(false);
         self.reset_session();
         self.state = State::Idle;
     }
 
     fn reset_session(&mut self) {
-        self.line.baud = self.board.max_baudrate().map(|_| FIRST_BAUD);
+        self.transmitter.line.baud = self.board.max_baudrate().map(|_| FIRST_BAUD);
         self.setup = None;
         self.command.clear();
-        self.next_log_ns = i64::MAX;
     }
 
     /// Receives bytes from the host.
@@ -319,7 +240,7 @@ impl Device {
             _ => return self.answer(protocol::error("not a command"), now_ns),
         };
         let name = command["cmd"].as_str().unwrap_or_default().to_owned();
-        if std::mem::take(&mut self.refuses_next) {
+        if std::mem::take(&mut self.faults.effects.refuses) {
             return self.answer(protocol::error("out of order"), now_ns);
         }
         if self.is_streaming() && name != "stop_streaming" {
@@ -351,7 +272,7 @@ impl Device {
             Ok((setup, reply)) => {
                 let taken_ns = if setup.calibrated { CALIBRATING_NS } else { ANSWER_NS };
                 if setup.calibrated {
-                    self.asks_for_calibration = false;
+                    self.faults.effects.asks_for_calibration = false;
                     self.send_log("sensors calibrated", now_ns + taken_ns);
                 }
                 self.send(line_of(&reply), now_ns + taken_ns, AfterSent::Nothing);
@@ -365,15 +286,15 @@ impl Device {
         let Some(setup) = self.setup.clone() else {
             return self.answer(protocol::error("not set up"), now_ns);
         };
-        if std::mem::take(&mut self.wraps_next) {
-            let after_s = self.schedule.rng.random_range(0.2..2.0);
-            self.clock.wrap_after(now_ns, after_s);
+        if std::mem::take(&mut self.faults.effects.wraps) {
+            let after_s = self.faults.rng.random_range(0.2..2.0);
+            self.sensors.clock.wrap_after(now_ns, after_s);
         }
         self.answer(serde_json::json!({"status": "start"}), now_ns);
-        let start_s = self.clock.board_s(now_ns + 2 * ANSWER_NS);
+        let start_s = self.sensors.clock.board_s(now_ns + 2 * ANSWER_NS);
         let next = self.measure(&setup, 0, start_s, false);
-        self.next_log_ns = now_ns.saturating_add(self.log_pause_ns());
-        self.state = State::Streaming(Box::new(Stream { setup, index: 0, next }));
+        let next_log_ns = now_ns.saturating_add(log_pause_ns(&mut self.rng));
+        self.state = State::Streaming(Box::new(Stream { setup, index: 0, next, next_log_ns }));
     }
 
     fn stop(&mut self, now_ns: i64) {
@@ -381,50 +302,27 @@ impl Device {
             return self.answer(protocol::error("not streaming"), now_ns);
         }
         // The set-up is kept for another start.
-        (self.state, self.next_log_ns) = (State::Idle, i64::MAX);
+        self.state = State::Idle;
         self.answer(serde_json::json!({"status": "stop"}), now_ns);
     }
 
-    /// Measures a result that starts at this board time. The samples are made at once, before the
-    /// measurement ends.
+    /// Measures a result that starts at this board time.
     fn measure(&mut self, setup: &BoardSetup, index: u64, start_s: f64, is_late: bool) -> Measured {
-        let saturates = std::mem::take(&mut self.saturates_next);
-        let temperature = 30 + libm::sin(start_s / 20.0).round() as i16;
-        let (mut ends_ns, mut infos, mut samples) = (Vec::new(), Vec::new(), Vec::new());
-        for (entry, end_s) in setup.ends_s() {
-            let end_ns = self.clock.host_ns(start_s + end_s);
-            let tick = self.clock.tick(end_ns + self.rng.random_range(0..LATENCY_NS));
-            let first = samples.len();
-            let request = FrameRequest { sensor_id: entry.sensor_id, config: &entry.config, index, tick, end_ns };
-            let mut data_saturated = self.source.frame(&request, &mut samples);
-            samples.resize(first + entry.config.points_per_frame(), Complex::default());
-            if saturates {
-                data_saturated = true;
-                samples[first..].iter_mut().for_each(|s| *s = Complex::new(clamped(s.re), clamped(s.im)));
-            }
-            ends_ns.push(end_ns);
-            infos.push(SentInfo {
-                tick,
-                data_saturated,
-                temperature,
-                calibration_needed: self.asks_for_calibration,
-                frame_delayed: is_late,
-            });
-        }
-        let end_ns = self.clock.host_ns(start_s + setup.timing.whole_s);
-        Measured { start_s, end_ns, ends_ns, infos, samples }
+        let saturates = std::mem::take(&mut self.faults.effects.saturates);
+        let calibration_needed = self.faults.effects.asks_for_calibration;
+        let request = Request { setup, index, start_s, is_late, saturates, calibration_needed };
+        self.sensors.measure(&request, &mut self.rng)
     }
 
     /// Reads out and sends the measured result, and measures the next one.
-    fn finish_result(&mut self, mut read_ns: i64) {
+    fn finish_result(&mut self) {
         let State::Streaming(mut stream) = std::mem::replace(&mut self.state, State::Idle) else { return };
-        if read_ns < self.hung_until_ns {
-            self.counters.lost += 1;
-            read_ns = self.hung_until_ns;
-        } else {
-            self.send_result(&stream, read_ns);
+        let (read_ns, is_lost) = self.transmitter.read_ns(stream.next.end_ns);
+        match is_lost {
+            true => self.counters.lost += 1,
+            false => self.send_result(&stream, read_ns),
         }
-        let (start_s, is_late) = stream.next_start_s(self.clock.board_s(read_ns));
+        let (start_s, is_late) = stream.next_start_s(self.sensors.clock.board_s(read_ns));
         stream.index += 1;
         stream.next = self.measure(&stream.setup, stream.index, start_s, is_late);
         self.state = State::Streaming(stream);
@@ -455,15 +353,11 @@ impl Device {
     }
 
     fn send_log(&mut self, text: &str, now_ns: i64) {
-        let milliseconds = (self.clock.board_s(now_ns) * 1e3) as u64;
+        let milliseconds = (self.sensors.clock.board_s(now_ns) * 1e3) as u64;
         let log = serde_json::json!({
             "status": "log", "level": "info", "timestamp": milliseconds, "module": "server", "log": text,
         });
         self.send(line_of(&log), now_ns, AfterSent::Nothing);
-    }
-
-    fn log_pause_ns(&mut self) -> i64 {
-        (self.rng.random_range(LOG_PAUSE_S.0..LOG_PAUSE_S.1) * 1e9) as i64
     }
 
     fn send(&mut self, bytes: Vec<u8>, from_ns: i64, then: AfterSent) {
@@ -471,88 +365,49 @@ impl Device {
     }
 
     /// Puts a message on the line and applies its faults; returns them as (offset, kind).
-    fn dispatch(
-        &mut self,
-        mut bytes: Vec<u8>,
-        from_ns: i64,
-        ends_result: bool,
-        then: AfterSent,
-    ) -> Vec<(usize, Fault)> {
-        let mut faults = self.schedule.at_bytes(bytes.len());
-        for fault in std::mem::take(&mut self.pending_faults) {
-            faults.push((self.schedule.rng.random_range(0..bytes.len()), fault));
-        }
+    fn dispatch(&mut self, bytes: Vec<u8>, from_ns: i64, ends_result: bool, then: AfterSent) -> Vec<(usize, Fault)> {
         self.counters.bytes += bytes.len() as u64;
-        let (mut parcel_ends, mut hold_ns, mut stall_ns, mut ending) = (None, 0, 0, None);
-        for &(at, fault) in &faults {
-            // Earlier faults may have removed bytes.
-            let at = at.min(bytes.len() - 1);
-            *self.schedule.counts.entry(fault).or_default() += 1;
-            match fault {
-                Fault::Drop => drop(bytes.remove(at)),
-                Fault::Double => bytes.insert(at, bytes[at]),
-                Fault::Flip => bytes[at] ^= 1 << self.schedule.rng.random_range(0..8),
-                Fault::Garbage => {
-                    let count = self.schedule.rng.random_range(1..=64);
-                    let noise: Vec<u8> = (0..count).map(|_| self.schedule.rng.random::<u8>()).collect();
-                    drop(bytes.splice(at..at, noise));
-                }
-                Fault::Stall => (parcel_ends, stall_ns) = (Some(at), self.schedule.seconds(0.05, 5.0)),
-                Fault::Delay => (parcel_ends, hold_ns) = (Some(at), self.schedule.seconds(1e-3, 0.2)),
-                Fault::Unplug | Fault::Reboot => (parcel_ends, ending) = (Some(at), Some(AfterSent::Fault(fault))),
-                // These faults do not affect a byte but the next result.
-                Fault::Saturate => self.saturates_next = true,
-                Fault::Calibrate => self.asks_for_calibration = true,
-                Fault::Refuse => self.refuses_next = true,
-                Fault::Wrap => self.wraps_next = true,
-                Fault::Jump => self.jump(),
-                Fault::Burst => self.line.burst_until(from_ns + BURST_NS.0, BURST_NS.1),
-                Fault::Error | Fault::Banner => {}
-            }
+        let struck = self.faults.of_message(bytes.len());
+        let mut message = Outgoing::new(bytes);
+        for &(at, fault) in &struck {
+            self.faults.count(fault);
+            message.strike(fault, at, &mut self.faults.rng);
+            self.affect(fault, from_ns);
         }
-        let rest = parcel_ends.map(|at: usize| bytes.split_off(at.min(bytes.len())));
-        let whole = Transmission { bytes, from_ns, hold_ns: 0, ends_result, then };
-        let Some(rest) = rest else {
-            self.line.put(whole);
-            return faults;
-        };
-        self.line.put(Transmission { ends_result: false, then: ending.unwrap_or(AfterSent::Nothing), ..whole });
-        let from_ns = from_ns.saturating_add(stall_ns);
-        if stall_ns > 0 {
-            self.hung_until_ns = from_ns;
-        }
-        if ending.is_none() {
-            self.line.put(Transmission { bytes: rest, from_ns, hold_ns, ends_result, then });
-        }
-        faults
+        self.transmitter.put(message, from_ns, ends_result, then);
+        struck
     }
 
-    fn jump(&mut self) {
-        let ticks = self.schedule.rng.random_range(1000..u32::MAX - 1000);
-        self.clock.jump(ticks);
+    /// Applies a fault that affects neither a message nor the power, from this time on; no other
+    /// has an effect.
+    fn affect(&mut self, fault: Fault, from_ns: i64) {
+        let effects = &mut self.faults.effects;
+        match fault {
+            Fault::Saturate => effects.saturates = true,
+            Fault::Calibrate => effects.asks_for_calibration = true,
+            Fault::Refuse => effects.refuses = true,
+            Fault::Wrap => effects.wraps = true,
+            Fault::Jump => self.sensors.clock.jump(self.faults.rng.random_range(1000..u32::MAX - 1000)),
+            Fault::Burst => self.transmitter.burst(from_ns),
+            _ => {}
+        }
     }
 
     /// Injects a fault now, or into the next message.
     pub fn inject(&mut self, fault: Fault, now_ns: i64, out: &mut Vec<Output>) {
         let is_idle = !self.is_streaming();
         match fault {
-            _ if fault.corrupts_bytes() => return self.pending_faults.push(fault),
+            _ if fault.corrupts_bytes() => return self.faults.defer(fault),
             // Equally likely in the middle of a message and between two.
-            Fault::Unplug | Fault::Reboot if !is_idle && self.schedule.rng.random_bool(0.5) => {
-                return self.pending_faults.push(fault);
+            Fault::Unplug | Fault::Reboot if !is_idle && self.faults.rng.random_bool(0.5) => {
+                return self.faults.defer(fault);
             }
             Fault::Unplug | Fault::Reboot => self.go_off(fault, now_ns, out),
-            Fault::Saturate => self.saturates_next = true,
-            Fault::Calibrate => self.asks_for_calibration = true,
-            Fault::Refuse => self.refuses_next = true,
-            Fault::Wrap => self.wraps_next = true,
-            Fault::Jump => self.jump(),
-            Fault::Burst => self.line.burst_until(now_ns + BURST_NS.0, BURST_NS.1),
             Fault::Error => self.send(line_of(&protocol::error("sensor error")), now_ns, AfterSent::Nothing),
             Fault::Banner => self.send(banner(self.board), now_ns, AfterSent::Nothing),
-            _ => {}
+            _ => self.affect(fault, now_ns),
         }
-        *self.schedule.counts.entry(fault).or_default() += 1;
+        self.faults.count(fault);
     }
 
     /// Unplugs or restarts the board; it loses its state.
@@ -561,19 +416,22 @@ impl Device {
             return;
         }
         let unplugged = fault == Fault::Unplug;
-        let lasts_ns = if unplugged { self.schedule.seconds(0.1, 3.0) } else { BOOT_NS };
+        let lasts_ns = if unplugged { random_ns(0.1, 3.0, &mut self.faults.rng) } else { BOOT_NS };
         let until_ns = now_ns.saturating_add(lasts_ns);
         if unplugged {
             out.push(Output::Unplugged);
         }
         self.counters.lost += u64::from(self.is_streaming());
-        self.line.clear(unplugged);
+        self.transmitter.restart(unplugged);
         self.reset_session();
-        self.asks_for_calibration = false;
-        self.clock.restart(if unplugged { until_ns } else { now_ns });
+        self.faults.effects.asks_for_calibration = false;
+        self.sensors.clock.restart(if unplugged { until_ns } else { now_ns });
         self.state = State::Off { until_ns, unplugged };
-        self.hung_until_ns = i64::MIN;
     }
+}
+
+fn log_pause_ns(rng: &mut ChaCha8Rng) -> i64 {
+    random_ns(LOG_PAUSE_S.0, LOG_PAUSE_S.1, rng)
 }
 
 /// Start-up banner of a board; not part of the protocol.
@@ -585,11 +443,6 @@ fn line_of(value: &Value) -> Vec<u8> {
     let mut line = value.to_string().into_bytes();
     line.push(b'\n');
     line
-}
-
-/// The converter's limit with the sign of the sample.
-fn clamped(value: i16) -> i16 {
-    if value < 0 { i16::MIN } else { i16::MAX }
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::{Board, Timing};
+use super::Board;
+use super::stream::Timing;
 use crate::{BASE_STEP_M, IdleState, Profile, SensorConfig, frame_timing};
 
 /// One sensor of a set-up.

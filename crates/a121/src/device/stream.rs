@@ -66,6 +66,8 @@ pub(super) struct Stream {
     pub setup: BoardSetup,
     pub index: u64,
     pub next: Measured,
+    /// When the board writes another line of its log, host nanoseconds.
+    pub next_log_ns: i64,
 }
 
 impl BoardSetup {

@@ -5,33 +5,158 @@
 //! `group_0/entry_0/{sensor_id, metadata (JSON), result/…}`. `result/` holds `frame` [frame, sweep,
 //! point] of {real, imag: i16}, and per frame `tick`, `temperature` and three flags. There are no
 //! host times: a frame's time is its tick, counted from the first one.
+//!
+//! Nothing in a file is trusted: each length is compared with the configuration, with the size of
+//! the file and with a limit before memory is taken.
+//!
+//! ```no_run
+//! use a121::vendor_h5::VendorRecording;
+//!
+//! let recording = VendorRecording::read("tank.h5")?;
+//! let config = &recording.config;
+//! println!("{} frames of {} points", recording.frames.len(), config.points_per_frame());
+//! # Ok::<(), a121::vendor_h5::VendorFileError>(())
+//! ```
 
+use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use hdf5_pure::{Dataset, Datatype, File, VlenStringReadOptions, make_i16_type};
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::message::complex_from_le_bytes;
-use super::{ImportError, SensorMetadata};
-use a121::{Frame, SensorConfig};
+use crate::layout::sample_from_le_bytes;
+use crate::{ConfigError, Frame, SensorConfig};
 
-/// Limit of a file, and of an unpacked data set, bytes. Choice: about 80 minutes of the fastest
-/// preset.
+/// Limit of a file, of an unpacked data set, and of all frames in memory, bytes. Choice: about 80
+/// minutes of the fastest preset.
 const MAX_BYTES: u64 = 1 << 30;
 /// Limit of an unpacked chunk of a data set, bytes. Choice: the vendor's have about ten thousand
 /// bytes.
 const MAX_CHUNK_BYTES: u64 = 64 << 20;
 /// Limit of a JSON text, bytes. Choice.
 const MAX_TEXT_BYTES: usize = 16 << 20;
+/// Most bytes that a packed byte unpacks to. Deflate, which the vendor's tool uses, reaches 1032
+/// (zlib's technical details).
+const MAX_UNPACKING: u64 = 1032;
 
-/// Content of a file.
-#[derive(Debug)]
-pub(super) struct VendorRecording {
+/// A file of the vendor's tool that cannot be read. Each message says what happened and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum VendorFileError {
+    /// The system refused a file operation.
+    #[error("cannot read {path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        source: std::io::Error,
+    },
+    /// A directory or device instead of a file.
+    #[error("{0} is a folder or a device: give the file itself")]
+    NotAFile(PathBuf),
+    /// Larger than anything that the vendor's tool records at once.
+    #[error("{path}: {what} is {bytes} bytes, more than the {max} bytes that are imported: record in shorter pieces")]
+    TooBig {
+        /// The file.
+        path: PathBuf,
+        /// The file, data set or chunk.
+        what: String,
+        /// Its size, bytes.
+        bytes: u64,
+        /// The limit, bytes.
+        max: u64,
+    },
+    /// Not an HDF5 file, or truncated or damaged.
+    #[error("{path} cannot be read as HDF5 (at {at}): {reason}; it is damaged, cut short or of another format")]
+    Hdf5 {
+        /// The file.
+        path: PathBuf,
+        /// The object in the file.
+        at: String,
+        /// The HDF5 reader's message.
+        reason: String,
+    },
+    /// An HDF5 file with another layout than the vendor's exploration tool writes.
+    #[error("{path}: {at} {reason}; is it a recording of the vendor's A121 exploration tool?")]
+    Layout {
+        /// The file.
+        path: PathBuf,
+        /// The object in the file.
+        at: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The configuration breaks a rule of the sensor.
+    #[error("{path}: the sensor configuration breaks a rule of the sensor: {source}")]
+    Config {
+        /// The file.
+        path: PathBuf,
+        /// The broken rule.
+        source: ConfigError,
+    },
+}
+
+/// How many parts a file holds, of which the first are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Contents {
+    /// Sessions of the file.
+    pub sessions: usize,
+    /// Groups of the first session.
+    pub groups: usize,
+    /// Sensors of its first group.
+    pub sensors: usize,
+}
+
+impl Contents {
+    /// Whether the file holds more than what is read.
+    pub fn has_more(&self) -> bool {
+        self.sessions.max(self.groups).max(self.sensors) > 1
+    }
+}
+
+/// A recording of the vendor's tool: the first sensor of the first group of the first session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VendorRecording {
+    /// Configuration of the sensor; breaks no rule of the sensor.
     pub config: SensorConfig,
-    pub sensor: SensorMetadata,
+    /// Ticks of the board's clock per second.
+    pub ticks_per_second: u32,
+    /// Distance between range points at step length 1, metres; older files lack it.
+    pub base_step_length_m: Option<f64>,
+    /// Name of the board, such as "xc120"; older files lack it.
+    pub board: Option<String>,
+    /// Version of the sensor's software; older files lack it.
+    pub rss_version: Option<String>,
+    /// Frames in the order of the file; their times count from the first one's tick.
     pub frames: Vec<Frame>,
+    /// What the file holds.
+    pub contents: Contents,
+}
+
+impl VendorRecording {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// The file cannot be opened, is of another kind, damaged or too big, or its configuration
+    /// breaks a rule of the sensor.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, VendorFileError> {
+        let path = path.as_ref();
+        let io_error = |source| VendorFileError::Io { path: path.to_owned(), source };
+        let metadata = std::fs::metadata(path).map_err(io_error)?;
+        if !metadata.is_file() {
+            return Err(VendorFileError::NotAFile(path.to_owned()));
+        }
+        too_big_unless(metadata.len() <= MAX_BYTES, path, "the file", metadata.len(), MAX_BYTES)?;
+        // Read here, to separate errors of the system from errors of the parser.
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(path).map_err(io_error)?;
+        file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io_error)?;
+        // The file is untrusted and the parser is a third-party crate: a panic in it counts as an
+        // unreadable file.
+        catch_unwind(AssertUnwindSafe(|| Reader::open(path, bytes)?.read()))
+            .unwrap_or_else(|_| Err(hdf5_error(path, "/", "the HDF5 reader gave up")))
+    }
 }
 
 /// The used parts of `server_info`; older files lack some.
@@ -48,43 +173,23 @@ struct EntryMetadata {
     base_step_length_m: Option<f64>,
 }
 
-/// Reads a file.
-///
-/// # Errors
-/// Another kind of file, damaged, too big, or with a configuration that breaks a rule of the
-/// sensor.
-pub(super) fn read(path: &Path) -> Result<VendorRecording, ImportError> {
-    let io_error = |source| ImportError::Io { path: path.to_owned(), source };
-    let metadata = std::fs::metadata(path).map_err(io_error)?;
-    if !metadata.is_file() {
-        return Err(ImportError::NotAFile(path.to_owned()));
-    }
-    too_big_unless(metadata.len() <= MAX_BYTES, path, "the file", metadata.len(), MAX_BYTES)?;
-    // Read here, to separate errors of the system from errors of the parser.
-    let bytes = std::fs::read(path).map_err(io_error)?;
-    // The file is untrusted and the parser is a third-party crate: a panic in it counts as an
-    // unreadable file.
-    catch_unwind(AssertUnwindSafe(|| Reader::open(path, bytes)?.read())).unwrap_or_else(|_| {
-        Err(ImportError::Hdf5 { path: path.to_owned(), at: "/".into(), reason: "the HDF5 reader gave up".into() })
-    })
-}
-
 struct Reader<'a> {
     path: &'a Path,
     file: File,
+    file_bytes: u64,
 }
 
 impl<'a> Reader<'a> {
-    fn open(path: &'a Path, bytes: Vec<u8>) -> Result<Self, ImportError> {
+    fn open(path: &'a Path, bytes: Vec<u8>) -> Result<Self, VendorFileError> {
+        let file_bytes = bytes.len() as u64;
         match File::from_bytes(bytes) {
-            Ok(file) => Ok(Self { path, file }),
+            Ok(file) => Ok(Self { path, file, file_bytes }),
             Err(error) => Err(hdf5_error(path, "/", error)),
         }
     }
 
-    fn read(&self) -> Result<VendorRecording, ImportError> {
+    fn read(&self) -> Result<VendorRecording, VendorFileError> {
         let session = self.session()?;
-        self.warn_about_ignored_parts(session);
         let server: ServerInfo = self.json("server_info")?;
         if server.ticks_per_second == 0 {
             return Err(self.layout("server_info", "has 0 ticks_per_second"));
@@ -93,18 +198,20 @@ impl<'a> Reader<'a> {
         let metadata: EntryMetadata = self.json(&format!("{entry}/metadata"))?;
         let config = self.config(&format!("{session}/session_config"), &format!("{entry}/sensor_id"))?;
         let frames = self.frames(&format!("{entry}/result"), &config, server.ticks_per_second)?;
-        let sensor = SensorMetadata {
-            ticks_per_second: Some(server.ticks_per_second),
+        Ok(VendorRecording {
+            config,
+            ticks_per_second: server.ticks_per_second,
             base_step_length_m: metadata.base_step_length_m,
             board: server.hardware_name,
             rss_version: server.rss_version,
-        };
-        Ok(VendorRecording { config, sensor, frames })
+            frames,
+            contents: self.contents(session),
+        })
     }
 
     /// Path of the session. `session` is a group in older files and a link in newer ones; some
     /// copies lack the link.
-    fn session(&self) -> Result<&'static str, ImportError> {
+    fn session(&self) -> Result<&'static str, VendorFileError> {
         let known = ["session", "sessions/session_0"];
         known
             .into_iter()
@@ -112,23 +219,21 @@ impl<'a> Reader<'a> {
             .ok_or_else(|| self.layout("/", "has neither `session` nor `sessions/session_0`"))
     }
 
-    fn warn_about_ignored_parts(&self, session: &str) {
+    fn contents(&self, session: &str) -> Contents {
         let count = |at: &str, prefix: &str| {
             let groups = self.file.group(at).and_then(|g| g.groups()).unwrap_or_default();
             groups.iter().filter(|name| name.starts_with(prefix)).count()
         };
-        let (sessions, groups) = (count("sessions", "session_"), count(session, "group_"));
-        let sensors = count(&format!("{session}/group_0"), "entry_");
-        if sessions.max(groups).max(sensors) > 1 {
-            let path = self.path.display();
-            log::warn!(
-                "{path} has {sessions} sessions, {groups} groups and {sensors} sensors in the first: the first of each is imported"
-            );
+        Contents {
+            // A file with the group `session` alone has no list of sessions.
+            sessions: count("sessions", "session_").max(1),
+            groups: count(session, "group_"),
+            sensors: count(&format!("{session}/group_0"), "entry_"),
         }
     }
 
     /// The configuration of the entry's sensor in the session's first group.
-    fn config(&self, at: &str, sensor_id_at: &str) -> Result<SensorConfig, ImportError> {
+    fn config(&self, at: &str, sensor_id_at: &str) -> Result<SensorConfig, VendorFileError> {
         let session: Value = self.json(at)?;
         let sensor_id = self.integers(sensor_id_at, 1)?[0];
         let config = first_groups_config(&session, sensor_id)
@@ -137,11 +242,11 @@ impl<'a> Reader<'a> {
             .map_err(|error| self.layout(at, format!("is unreadable: {error}")))?;
         match config.validate() {
             Ok(()) => Ok(config),
-            Err(source) => Err(ImportError::Config { path: self.path.to_owned(), source }),
+            Err(source) => Err(VendorFileError::Config { path: self.path.to_owned(), source }),
         }
     }
 
-    fn frames(&self, at: &str, config: &SensorConfig, ticks_per_second: u32) -> Result<Vec<Frame>, ImportError> {
+    fn frames(&self, at: &str, config: &SensorConfig, ticks_per_second: u32) -> Result<Vec<Frame>, VendorFileError> {
         let (count, samples) = self.samples(&format!("{at}/frame"), config)?;
         let ticks = self.integers(&format!("{at}/tick"), count)?;
         let temperatures = self.integers(&format!("{at}/temperature"), count)?;
@@ -159,14 +264,14 @@ impl<'a> Reader<'a> {
                 data_saturated: data_saturated[index],
                 frame_delayed: frame_delayed[index],
                 calibration_needed: calibration_needed[index],
-                samples: bytes.as_chunks::<4>().0.iter().map(|&sample| complex_from_le_bytes(sample)).collect(),
+                samples: bytes.as_chunks::<4>().0.iter().map(|&sample| sample_from_le_bytes(sample)).collect(),
             })
         });
         frames.collect()
     }
 
     /// Number of frames, and all samples as stored: real, imaginary, little-endian i16.
-    fn samples(&self, at: &str, config: &SensorConfig) -> Result<(usize, Vec<u8>), ImportError> {
+    fn samples(&self, at: &str, config: &SensorConfig) -> Result<(usize, Vec<u8>), VendorFileError> {
         let dataset = self.dataset(at)?;
         let shape = dataset.shape().map_err(|error| hdf5_error(self.path, at, error))?;
         let expected = [u64::from(config.sweeps_per_frame), config.points_per_sweep() as u64];
@@ -183,6 +288,9 @@ impl<'a> Reader<'a> {
         if !is_complex_i16(&datatype) {
             return Err(self.layout(at, "has samples of another type than {real: i16, imag: i16}"));
         }
+        let frame_bytes = (size_of::<Frame>() + 4 * config.points_per_frame()) as u64;
+        let frames_bytes = count.saturating_mul(frame_bytes);
+        too_big_unless(frames_bytes <= MAX_BYTES, self.path, at, frames_bytes, MAX_BYTES)?;
         let bytes = self.raw(at, &dataset, count.saturating_mul(sweeps * points))?;
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         if bytes.len() != count.saturating_mul(config.points_per_frame() * 4) {
@@ -192,23 +300,30 @@ impl<'a> Reader<'a> {
     }
 
     /// The bytes of a data set, after checking its claimed sizes.
-    fn raw(&self, at: &str, dataset: &Dataset, elements: u64) -> Result<Vec<u8>, ImportError> {
+    fn raw(&self, at: &str, dataset: &Dataset, elements: u64) -> Result<Vec<u8>, VendorFileError> {
         self.check_size(at, dataset, elements)?;
         dataset.read_raw().map_err(|error| hdf5_error(self.path, at, error))
     }
 
-    fn check_size(&self, at: &str, dataset: &Dataset, elements: u64) -> Result<(), ImportError> {
+    fn check_size(&self, at: &str, dataset: &Dataset, elements: u64) -> Result<(), VendorFileError> {
         let error = |error| hdf5_error(self.path, at, error);
         let element_bytes = dataset.element_size().map_err(error)?;
         let bytes = elements.saturating_mul(element_bytes);
         too_big_unless(bytes <= MAX_BYTES, self.path, at, bytes, MAX_BYTES)?;
+        // Data sets without any stored data claim what they like.
+        if bytes > self.file_bytes.saturating_mul(MAX_UNPACKING) {
+            let file_bytes = self.file_bytes;
+            return Err(
+                self.layout(at, format!("claims {bytes} bytes, more than a file of {file_bytes} bytes can hold"))
+            );
+        }
         let chunk = dataset.chunk_shape().map_err(error)?.unwrap_or_default();
         let chunk_bytes = chunk.iter().fold(element_bytes, |bytes, &edge| bytes.saturating_mul(edge));
         too_big_unless(chunk_bytes <= MAX_CHUNK_BYTES, self.path, at, chunk_bytes, MAX_CHUNK_BYTES)
     }
 
     /// This many integers, or a scalar.
-    fn integers(&self, at: &str, count: usize) -> Result<Vec<i64>, ImportError> {
+    fn integers(&self, at: &str, count: usize) -> Result<Vec<i64>, VendorFileError> {
         let dataset = self.dataset(at)?;
         self.check_count(at, &dataset, count)?;
         self.check_size(at, &dataset, count as u64)?;
@@ -217,27 +332,27 @@ impl<'a> Reader<'a> {
     }
 
     /// This many booleans, stored as one byte each.
-    fn flags(&self, at: &str, count: usize) -> Result<Vec<bool>, ImportError> {
+    fn flags(&self, at: &str, count: usize) -> Result<Vec<bool>, VendorFileError> {
         let dataset = self.dataset(at)?;
         self.check_count(at, &dataset, count)?;
         let bytes = self.raw(at, &dataset, count as u64)?;
         self.counted(at, bytes.iter().map(|&b| b != 0).collect(), count)
     }
 
-    fn check_count(&self, at: &str, dataset: &Dataset, count: usize) -> Result<(), ImportError> {
+    fn check_count(&self, at: &str, dataset: &Dataset, count: usize) -> Result<(), VendorFileError> {
         let shape = dataset.shape().map_err(|error| hdf5_error(self.path, at, error))?;
         let held = shape.iter().fold(1u64, |held, &edge| held.saturating_mul(edge));
         if held == count as u64 { Ok(()) } else { Err(self.layout(at, format!("has {held} values, not {count}"))) }
     }
 
-    fn counted<T>(&self, at: &str, values: Vec<T>, count: usize) -> Result<Vec<T>, ImportError> {
+    fn counted<T>(&self, at: &str, values: Vec<T>, count: usize) -> Result<Vec<T>, VendorFileError> {
         match values.len() == count {
             true => Ok(values),
             false => Err(self.layout(at, format!("gives {} values, not {count}", values.len()))),
         }
     }
 
-    fn json<T: for<'de> Deserialize<'de>>(&self, at: &str) -> Result<T, ImportError> {
+    fn json<T: for<'de> Deserialize<'de>>(&self, at: &str) -> Result<T, VendorFileError> {
         let dataset = self.dataset(at)?;
         self.check_count(at, &dataset, 1)?;
         self.check_size(at, &dataset, 1)?;
@@ -248,21 +363,25 @@ impl<'a> Reader<'a> {
         serde_json::from_str(text).map_err(|error| self.layout(at, format!("is not the expected JSON: {error}")))
     }
 
-    fn dataset(&self, at: &str) -> Result<Dataset, ImportError> {
+    fn dataset(&self, at: &str) -> Result<Dataset, VendorFileError> {
         self.file.dataset(at).map_err(|error| hdf5_error(self.path, at, error))
     }
 
-    fn layout(&self, at: &str, reason: impl Into<String>) -> ImportError {
-        ImportError::Layout { path: self.path.to_owned(), at: format!("`{at}`"), reason: reason.into() }
+    fn layout(&self, at: &str, reason: impl Into<String>) -> VendorFileError {
+        VendorFileError::Layout { path: self.path.to_owned(), at: format!("`{at}`"), reason: reason.into() }
     }
 }
 
-fn hdf5_error(path: &Path, at: &str, error: hdf5_pure::Error) -> ImportError {
-    ImportError::Hdf5 { path: path.to_owned(), at: format!("`{at}`"), reason: error.to_string() }
+fn hdf5_error(path: &Path, at: &str, reason: impl std::fmt::Display) -> VendorFileError {
+    VendorFileError::Hdf5 { path: path.to_owned(), at: format!("`{at}`"), reason: reason.to_string() }
 }
 
-fn too_big_unless(fits: bool, path: &Path, what: &str, bytes: u64, max: u64) -> Result<(), ImportError> {
-    if fits { Ok(()) } else { Err(ImportError::TooBig { path: path.to_owned(), what: what.to_owned(), bytes, max }) }
+fn too_big_unless(fits: bool, path: &Path, what: &str, bytes: u64, max: u64) -> Result<(), VendorFileError> {
+    if fits {
+        Ok(())
+    } else {
+        Err(VendorFileError::TooBig { path: path.to_owned(), what: what.to_owned(), bytes, max })
+    }
 }
 
 /// Finds the sensor's configuration. `groups[0]` is a map from sensor id to configuration; in the
@@ -290,3 +409,7 @@ fn time_ns(tick: i64, first_tick: i64, ticks_per_second: u32) -> Option<i64> {
     let doubled = (i128::from(tick) - i128::from(first_tick)) * 2_000_000_000;
     i64::try_from((doubled + per_second).div_euclid(2 * per_second)).ok()
 }
+
+#[cfg(test)]
+#[path = "vendor_h5_tests.rs"]
+mod tests;
