@@ -1,6 +1,9 @@
-//! Tests of the whole program, run as a user runs it: every command with valid, damaged, foreign
-//! and invalid input, and the physics from simulation or real recording to obstacle.
+//! Tests of the whole program in one binary, which saves linking the program for each of them. Most
+//! run it as a user runs it: every command with valid, damaged, foreign and invalid input, and the
+//! physics from simulation or real recording to obstacle. Some drive its library. Tests that need
+//! the machine to themselves are in `tests/beside`.
 
+mod approach;
 mod arguments;
 mod bad_content;
 mod bad_files;
@@ -10,14 +13,19 @@ mod common;
 mod faults;
 mod found;
 mod golden;
+mod module_dependencies;
+mod moving_targets;
 mod physics;
 mod play_room;
 mod real_recordings;
+mod reconstruction;
 mod record;
 mod results;
 mod round_trip;
+mod saved_map;
 mod sensor_rules;
 mod serve;
+mod settings_file;
 mod transcripts;
 mod vendor_file;
 mod view;
