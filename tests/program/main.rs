@@ -29,6 +29,8 @@ mod settings_file;
 mod transcripts;
 mod vendor_file;
 mod view;
+#[cfg(unix)]
+mod vulkan_validation;
 
 /// The program under test.
 const PROGRAM: &str = env!("CARGO_BIN_EXE_radar-chaperone");
