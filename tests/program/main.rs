@@ -32,5 +32,7 @@ mod view;
 #[cfg(unix)]
 mod vulkan_validation;
 
+/// The vendor's recordings, beside the repository.
+const RECORDINGS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/recordings");
 /// The program under test.
 const PROGRAM: &str = env!("CARGO_BIN_EXE_radar-chaperone");

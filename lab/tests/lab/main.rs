@@ -9,6 +9,8 @@ mod experiment;
 mod rolling;
 mod vendor_detector;
 
+/// The vendor's recordings, beside the repository.
+const RECORDINGS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/recordings");
 /// The program under test.
 const PROGRAM: &str = env!("CARGO_BIN_EXE_lab");
 
