@@ -1,5 +1,5 @@
 //! Runs the program as a user does, each test in its own folder, and checks what every run must
-//! satisfy: it ends by itself within a minute and never panics.
+//! satisfy: it ends by itself and never panics.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -10,8 +10,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-/// A run that takes longer counts as a hang. Choice.
-const RUN_TIMEOUT: Duration = Duration::from_secs(60);
+/// A run that takes longer counts as a hang: many times what the longest takes on an idle machine, for
+/// one whose cores are taken. Choice.
+const RUN_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// An empty folder for one test. Command lines name the files in it without a path.
 pub struct Folder {
