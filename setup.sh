@@ -6,8 +6,8 @@
 #   libclang                     reads SteamVR's C header while building the program
 #   ALSA's library, pkg-config   sounds of the program, which are off by default
 #   Vulkan loader and a driver   pictures; Mesa's software renderer if there is no graphics card. Without them everything
-#                                else works, and tests that draw print that they were skipped.
-#   Vulkan's validation layer    optional, with WITH_VALIDATION=1: one test runs the renderer under it
+#                                else works, and tests that draw fail.
+#   Vulkan's validation layer    one test runs the renderer under it
 #   Rust                         cargo as new as rust-version in Cargo.toml, with rustfmt and clippy
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -55,7 +55,7 @@ install_packages() {
     have_package libasound2-dev || missing+=(libasound2-dev)
     have_package libvulkan1 || missing+=(libvulkan1)
     have_vulkan_driver || missing+=(mesa-vulkan-drivers)
-    [ "${WITH_VALIDATION:-}" != 1 ] || have_package vulkan-validationlayers || missing+=(vulkan-validationlayers)
+    have_package vulkan-validationlayers || missing+=(vulkan-validationlayers)
     if ! rust_is_enough && ! have rustup; then
         have curl || missing+=(curl)
         have_package ca-certificates || missing+=(ca-certificates)
@@ -113,7 +113,7 @@ if have dpkg && have apt-get; then
     install_packages
     install_rust
 elif ! check; then
-    say "on this system please install: a C compiler, libclang, Rust $rust_wanted (https://rustup.rs), a Vulkan loader and driver (Mesa)"
+    say "on this system please install: a C compiler, libclang, Rust $rust_wanted (https://rustup.rs), a Vulkan loader and driver (Mesa), Vulkan's validation layer"
     exit 1
 fi
 check || exit 1

@@ -224,22 +224,14 @@ pub(super) mod tests {
     use crate::warning::{BodyPart, Footprint, Panel, PanelKind, Style};
     use radar_sar::geometry::Pose;
 
-    /// Runs a test on the renderer shared by all tests. Prints a note if the machine has no
-    /// adapter.
+    /// Runs a test on the renderer shared by all tests.
+    ///
+    /// # Panics
+    /// The machine has no adapter; a software renderer will do.
     pub fn with_renderer(test: impl FnOnce(&mut Renderer)) {
-        static SHARED: OnceLock<Option<Mutex<Renderer>>> = OnceLock::new();
-        let shared = SHARED.get_or_init(|| match Renderer::new() {
-            Ok(renderer) => Some(Mutex::new(renderer)),
-            Err(error @ RenderError::NoAdapter) => {
-                println!("{error}");
-                None
-            }
-            Err(error) => panic!("{error}"),
-        });
-        match shared {
-            Some(renderer) => test(&mut renderer.lock().unwrap_or_else(|poisoned| poisoned.into_inner())),
-            None => println!("skipped: no graphics adapter"),
-        }
+        static SHARED: OnceLock<Mutex<Renderer>> = OnceLock::new();
+        let shared = SHARED.get_or_init(|| Mutex::new(Renderer::new().unwrap_or_else(|error| panic!("{error}"))));
+        test(&mut shared.lock().unwrap_or_else(|poisoned| poisoned.into_inner()));
     }
 
     fn panel(place: DVec3) -> Panel {

@@ -230,20 +230,12 @@ mod tests {
         assert!(volume_of(&npy, turned.as_bytes(), Path::new("v.npy")).is_err());
     }
 
-    /// Reads the file with NumPy, if installed.
+    /// NumPy reads what equals its own: length and `zlib.crc32` of what `numpy.save` of NumPy 2.4.6 writes
+    /// for `(numpy.arange(24, dtype="<f4") * numpy.float32(0.5) - 1).reshape(2, 3, 4)`.
     #[test]
-    fn numpy_reads_what_we_write() {
-        let python = |script: &str| std::process::Command::new("python3").args(["-c", script]).output();
-        if !python("import numpy").is_ok_and(|done| done.status.success()) {
-            println!("skipped: needs python3 with numpy");
-            return;
-        }
-        let path = folder("numpy").join("a.npy");
-        write_volume(&path, &volume([4, 3, 2]), &VolumeInfo::default()).unwrap();
-        let script = format!("import numpy; a = numpy.load({path:?}); print(a.shape, a.dtype, a[1, 2, 3], a[0, 1, 0])");
-        let told = String::from_utf8(python(&script).unwrap().stdout).unwrap();
-        assert_eq!(told.trim(), "(2, 3, 4) float32 10.5 1.0");
-        fs::remove_dir_all(path.parent().unwrap()).unwrap();
+    fn npy_bytes_equal_those_of_numpy() {
+        let bytes = npy_bytes(&volume([4, 3, 2])).unwrap();
+        assert_eq!((bytes.len(), crc32fast::hash(&bytes)), (224, 0x1e6b_15fe));
     }
 
     #[test]

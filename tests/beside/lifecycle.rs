@@ -13,7 +13,7 @@ const EXIT_LIMIT: Duration = Duration::from_secs(3);
 
 /// Rounds of the repeated tests: three by default, the full number with `RADAR_CHAPERONE_LONG=1`.
 fn rounds(long: usize) -> usize {
-    if std::env::var_os("RADAR_CHAPERONE_LONG").is_some() { long } else { 3 }
+    if std::env::var_os("RADAR_CHAPERONE_LONG").is_some_and(|value| value != "0") { long } else { 3 }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The program with the fake SteamVR runtime and the simulated sensor on a pseudo terminal: the
 //! complete system except for the hardware. These tests run in real time and need the machine to
-//! themselves, so they run one after the other.
+//! themselves: they run one after the other, in a binary of their own, because `cargo test` runs one
+//! binary after the other.
 #![cfg(target_os = "linux")]
 
 mod dashboard;

@@ -210,6 +210,14 @@ impl Rig {
         self.wait_for(what, || Some(self.report()).filter(&is_there))
     }
 
+    /// Waits until the program has shown that many more frames: its own time, which passes slowly on a
+    /// machine whose cores are taken. The program shows 90 a second.
+    pub fn wait_frames(&self, count: u64) -> Value {
+        let frames = |report: &Value| report["frames"].as_u64().unwrap();
+        let begin = frames(&self.report());
+        self.wait_report("frames", |report| frames(report) >= begin + count)
+    }
+
     /// Takes a shot of both eyes now.
     pub fn shoot(&self, name: &str) -> Value {
         self.send_command(&json!({"do": "shot", "name": name}));

@@ -2,13 +2,15 @@
 
 use std::fs;
 use std::path::Path;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use serde_json::{Value, json};
 
 use crate::eyes::Eye;
 use crate::rig::{Rig, TIMEOUT};
+
+/// Frames of one walk to the chair and back: 14 s at 90 a second.
+const WALK_FRAMES: u64 = 14 * 90;
 
 /// Brightest colour channel in the left eye's image; `None` without a visible warning.
 fn hue(rig: &Rig, number: &mut u32) -> Option<char> {
@@ -53,7 +55,8 @@ fn settings_changes_apply_at_once_and_invalid_ones_are_ignored() {
     fs::write(&file, color("[0, 255, 0")).unwrap();
     rig.wait_for("its message", || program.err().contains("own.toml").then_some(()));
     wait_for_hue(&rig, number, 'r');
-    sleep(Duration::from_secs(1));
+    // The program looks at the file several times meanwhile.
+    rig.wait_frames(90);
     assert_eq!(program.err().matches("stay in use").count(), 1, "{}", program.err());
     // Empty, then away: as some editors save, and as some files end.
     fs::write(&file, "").unwrap();
@@ -100,14 +103,21 @@ fn invalid_settings_at_start_fall_back_to_defaults() {
 fn play_area_changes_are_followed() {
     let mut rig = Rig::new("play_area");
     rig.start_sensor("furnished-room", "approach-chair", 1, 300);
-    rig.start_steamvr(&json!({ "chaperone": { "size_m": [0.1, 0.1] } }), true);
+    rig.start_steamvr(&json!({ "chaperone": { "size_m": [8, 8] } }), true);
     let arguments = ["--set", "warning.play_area_margin_m=0", "--set", "warning.fade_distance_m=3.5"];
     let program = rig.start_run(&[&arguments[..], &["--report", "run.json"]].concat());
-    // Long enough for the room to be mapped: none of it is within reach.
-    sleep(Duration::from_secs(10));
-    assert_eq!(rig.report()["visible"], 0);
+    let is_visible = |report: &Value| report["visible"].as_u64() > Some(0);
+    // The room is mapped; then none of it is within reach.
+    rig.wait_report("a warning", is_visible);
+    rig.send_command(&json!({ "do": "play_area", "x": 0.1, "z": 0.1 }));
+    rig.wait_report("the small play area", |report| report["commands"] == 1);
+    rig.wait_report("no warning", |report| !is_visible(report));
+    rig.wait_frames(WALK_FRAMES / 10);
+    for _ in 0..10 {
+        assert!(!is_visible(&rig.wait_frames(WALK_FRAMES / 10)), "the chair is out of reach");
+    }
     rig.send_command(&json!({ "do": "play_area", "x": 8, "z": 8 }));
-    rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
+    rig.wait_report("a warning", is_visible);
     assert_eq!(program.interrupt().code, Some(0));
     let own: Value = serde_json::from_slice(&fs::read(rig.path("run.json")).unwrap()).unwrap();
     assert_eq!(own["forgotten"], 0, "the room has not moved: {own}");

@@ -1,4 +1,5 @@
-//! The vendor's real recordings, where they are available.
+//! The vendor's real recordings. `-- --ignored` runs these tests; CONTRIBUTING.md says where the
+//! recordings have to be.
 //!
 //! The expected first and last frames were read with another HDF5 library, h5py 3.16 with HDF5 2.0:
 //! `frame[i]` as little-endian i16, real before imaginary, through `zlib.crc32`; tick, temperature
@@ -12,11 +13,11 @@ use crate::common::Folder;
 use crate::found::{counter, obstacles_of, only};
 
 #[test]
+#[ignore = "needs the vendor's recordings in ../shared/recordings"]
 fn tank_reflector_is_found_at_its_position() {
     let folder = Folder::new("tank");
-    if folder.copy_real("medium_tank.h5").and(folder.copy_real("medium_tank_poses.tum")).is_none() {
-        return;
-    }
+    folder.copy_real("medium_tank.h5");
+    folder.copy_real("medium_tank_poses.tum");
     folder
         .run("import medium_tank.h5 --poses medium_tank_poses.tum --out tank.mcap")
         .succeeds()
@@ -30,12 +31,11 @@ fn tank_reflector_is_found_at_its_position() {
 }
 
 #[test]
+#[ignore = "needs the vendor's recordings in ../shared/recordings"]
 fn recordings_without_poses_import_and_replay_reports_missing_poses() {
     let folder = Folder::new("vendor");
     for name in ["corner-reflector", "distance_fixed_strength", "input", "fr10Hz-spf4"] {
-        if folder.copy_real(&format!("{name}.h5")).is_none() {
-            return;
-        }
+        folder.copy_real(&format!("{name}.h5"));
         folder.run(&format!("import {name}.h5 --out r.mcap")).succeeds().prints("Damage     none");
         folder.run("info r.mcap").succeeds().prints(&format!("import of {name}.h5"));
         folder.run("replay r.mcap").succeeds().prints("No sweep has a pose").prints("\n0 obstacles, 0 walls\n");
@@ -70,12 +70,11 @@ const FIRST_AND_LAST: [(&str, usize, f64, Known, Known); 5] = [
 ];
 
 #[test]
+#[ignore = "needs the vendor's recordings in ../shared/recordings"]
 fn first_and_last_frames_are_those_of_another_reader() {
     let folder = Folder::new("first_and_last");
     for (name, count, ticks_per_second, first, last) in FIRST_AND_LAST {
-        if folder.copy_real(&format!("{name}.h5")).is_none() {
-            return;
-        }
+        folder.copy_real(&format!("{name}.h5"));
         folder.run(&format!("import {name}.h5 --out r.mcap")).succeeds();
         let mut recording = Recording::open(folder.path("r.mcap")).unwrap();
         let frame = |event| if let Event::Frame(frame) = event { Some(frame) } else { None };
@@ -100,6 +99,14 @@ fn assert_is(frame: &Frame, known: &Known, name: &str) {
 fn crc32(bytes: impl Iterator<Item = u8>) -> u32 {
     let shifted = |crc: u32| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
     !bytes.fold(u32::MAX, |crc, byte| (0..8).fold(crc ^ u32::from(byte), |crc, _| shifted(crc)))
+}
+
+#[test]
+#[ignore = "needs the vendor's recordings in ../shared/recordings"]
+fn damaged_real_file_is_imported_completely_or_refused() {
+    let folder = Folder::new("damaged_real_file");
+    folder.copy_real("input.h5");
+    crate::bad_files::import_damaged(&folder, "input.h5");
 }
 
 #[test]

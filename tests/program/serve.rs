@@ -106,8 +106,8 @@ impl<T: Read + Write> Client<T> {
         self.hear().0
     }
 
-    /// Sets up, streams for a second and stops; returns the number of frames.
-    fn stream(&mut self) -> usize {
+    /// Sets up, streams a second's frames and stops.
+    fn stream(&mut self) {
         let config = json!({"sweeps_per_frame": 16, "sweep_rate": 0.0, "frame_rate": 66.0,
             "inter_frame_idle_state": "ready", "inter_sweep_idle_state": "ready",
             "subsweeps": [{"start_point": 80, "num_points": 50, "step_length": 24, "profile": 3, "hwaas": 16,
@@ -115,20 +115,27 @@ impl<T: Read + Write> Client<T> {
         let reply = self.ask(json!({"cmd": "setup", "groups": [[{"sensor_id": 1, "config": config}]]}));
         assert_eq!(reply["metadata"][0][0]["frame_data_length"], 800, "{reply}");
         assert_eq!(self.ask(json!({"cmd": "start_streaming"}))["status"], "start");
-        let (begin, mut frames): (Instant, Vec<(u32, Vec<u8>)>) = (Instant::now(), Vec::new());
-        while begin.elapsed() < Duration::from_secs(1) {
+        let (begin, mut frames): (Instant, Vec<(u32, bool, Vec<u8>)>) = (Instant::now(), Vec::new());
+        while frames.len() < 66 {
             let (header, payload) = self.hear();
             assert_eq!(payload.len(), 3200, "{header}");
-            frames.push((header["result_info"][0][0]["tick"].as_u64().unwrap() as u32, payload));
+            let info = &header["result_info"][0][0];
+            frames.push((info["tick"].as_u64().unwrap() as u32, info["frame_delayed"] == true, payload));
         }
-        // Evenly spaced ticks, and no frame twice.
+        // Not faster than the clock, whatever else the machine does.
+        assert!(begin.elapsed() > Duration::from_millis(900), "{:?}", begin.elapsed());
+        // Evenly spaced ticks but for frames that the board says it took late because this client did not
+        // read, and no frame twice.
+        let mut even = 0;
         for pair in frames.windows(2) {
-            let step = pair[1].0.wrapping_sub(pair[0].0);
-            assert!((15_000..15_300).contains(&step) && pair[0].1 != pair[1].1, "{step}");
+            let (step, is_delayed) = (pair[1].0.wrapping_sub(pair[0].0), pair[1].1);
+            let is_even = (15_000..15_300).contains(&step);
+            assert!((is_even || is_delayed && step > 15_000) && pair[0].2 != pair[1].2, "{step}");
+            even += usize::from(is_even);
         }
+        assert!(even > 20, "{even}");
         self.say(json!({"cmd": "stop_streaming"}));
         while self.hear().0["status"] != "stop" {}
-        frames.len()
     }
 }
 
@@ -162,14 +169,13 @@ fn client_streams_over_tcp_while_poses_are_written() {
         &folder,
         &format!("simulate furnished-room --serve tcp:127.0.0.1:{port} --poses-out poses.tum --faults saturate=600"),
     );
-    for round in 1..=2 {
+    for _ in 0..2 {
         let stream = until(|| TcpStream::connect(("127.0.0.1", port)).ok());
         stream.set_nonblocking(true).unwrap();
         let mut client = Client::new(stream);
         let info = client.ask(json!({"cmd": "get_system_info"}));
         assert_eq!(info["system_info"]["ticks_per_second"], 1_000_000);
-        let frames = client.stream();
-        assert!((55..=68).contains(&frames), "round {round}: {frames}");
+        client.stream();
     }
     let out = serving.end(&folder);
     assert!(out.contains(&format!("record --port tcp:127.0.0.1:{port} --poses poses.tum")), "{out}");
@@ -204,8 +210,7 @@ fn client_streams_repeatedly_over_a_pseudo_terminal() {
     let serving = Serving::start(&folder, "simulate nothing --serve pty:board");
     until(|| std::fs::metadata(&path).ok());
     let mut client = Client::new(open_terminal(&path, 115_200));
-    let frames = client.stream();
-    assert!((55..=68).contains(&frames), "{frames}");
+    client.stream();
     let out = serving.end(&folder);
     assert!(out.contains("Faults   none") && std::fs::symlink_metadata(&path).is_err(), "{out}");
 }

@@ -89,6 +89,12 @@ fn track(scenario: &Scenario, simulated: &Simulated) -> String {
     text
 }
 
+/// Half a second of a simulation as the vendor's file.
+pub fn short_h5() -> Vec<u8> {
+    let scenario = Scenario::new("corner-reflector", "robot-arm", preset("fine").unwrap(), 0.5, 1);
+    h5(&scenario.config, &scenario.run().unwrap().frames)
+}
+
 /// The parts of the vendor's layout that an import reads.
 fn h5(config: &SensorConfig, frames: &[Frame]) -> Vec<u8> {
     let mut file = FileBuilder::new();

@@ -211,8 +211,9 @@ impl Reconstruction {
         })
     }
 
-    /// Takes an event of any stream, hands and poses in the same frame; never waits. When a stream's
-    /// channel is full, its oldest messages are dropped and counted.
+    /// Takes an event of any stream, hands and poses in the same frame; never waits: what finds the queue
+    /// locked is handed over with the stream's next event. When a stream's channel is full, its oldest
+    /// messages are dropped and counted.
     pub fn push(&self, event: Event) {
         let channel = match &event {
             Event::Frame(_) => &self.frames,
@@ -299,12 +300,18 @@ impl Reconstruction {
         }
     }
 
-    /// Processes waiting input for at most half a second, updates the map a last time, and stops.
-    pub fn finish(mut self) -> (ReconstructionCounters, Arc<Scene>) {
-        self.shared.finish_by_ns.store((now_ns() as u64).saturating_add(MAX_FINISH_NS), Ordering::SeqCst);
+    /// Hands over the newest events that [`Self::push`] would hand over with the next ones. May wait for a
+    /// moment: for the end of a stream, not for the frame loop.
+    pub fn flush(&self) {
         self.frames.flush();
         self.poses.flush();
         self.hands.flush();
+    }
+
+    /// Processes waiting input for at most half a second, updates the map a last time, and stops.
+    pub fn finish(mut self) -> (ReconstructionCounters, Arc<Scene>) {
+        self.shared.finish_by_ns.store((now_ns() as u64).saturating_add(MAX_FINISH_NS), Ordering::SeqCst);
+        self.flush();
         self.end();
         (self.counters(), Arc::clone(&self.latest().scene))
     }

@@ -391,7 +391,7 @@ mod tests {
             fs::write(file, "[warning]\nbrightness = 0.25\n").unwrap();
             wait_for("the file", || is(0.25));
             fs::write(file, "[warning]\nbrightness = 7\n").unwrap();
-            std::thread::sleep(Duration::from_millis(600));
+            wait_for("its fault", || store.trouble().is_some());
             assert!(is(0.25));
             fs::write(file, "[warning]\nbrightness = 0.75\n").unwrap();
             wait_for("a good one", || is(0.75));
@@ -406,8 +406,10 @@ mod tests {
             store.change(brightness(0.25));
             wait_for("the change", || store.newest().warning.brightness == 0.25);
             wait_for("the file", || fs::read_to_string(file).unwrap() == text.replace("0.5", "0.25"));
+            // The changes are taken in their order.
             store.change(brightness(9.0));
-            std::thread::sleep(Duration::from_millis(100));
+            store.change(SettingChange { name: "warning.fade_distance_m".into(), value: 2.0.into() });
+            wait_for("the change after it", || store.newest().warning.fade_distance_m == 2.0);
             assert_eq!(store.newest().warning.brightness, 0.25);
         });
     }
@@ -418,7 +420,7 @@ mod tests {
             fs::write(file, "[warning\n").unwrap();
             store.change(brightness(0.25));
             wait_for("the change", || store.newest().warning.brightness == 0.25);
-            std::thread::sleep(Duration::from_millis(2500));
+            wait_for("the refused save", || store.trouble.lock().unwrap()[1].is_some());
             assert_eq!(fs::read_to_string(file).unwrap(), "[warning\n");
             fs::write(file, "[warning]\nfade_distance_m = 2.0\n").unwrap();
             let whole = "[warning]\nfade_distance_m = 2.0\nbrightness = 0.25\n";

@@ -81,7 +81,11 @@ fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &
     let now_ns = now_ns();
     for line in lines {
         match TimedCommand::parse(line) {
-            Ok(command) => world.schedule(command),
+            Ok(command) => {
+                world.report.commands += 1;
+                world.report.urgent = true;
+                world.schedule(command);
+            }
             Err(error) => eprintln!("fake runtime: commands.jsonl: {error}"),
         }
     }

@@ -70,6 +70,8 @@ pub struct Report {
     /// Number of failed images, and the error of the first.
     pub shots_failed: u64,
     pub shot_error: Option<String>,
+    /// Commands read from `commands.jsonl`.
+    pub commands: u64,
     /// Haptic pulses of each controller, by its device index.
     pub pulses: BTreeMap<u32, u64>,
     #[serde(flatten)]

@@ -173,7 +173,7 @@ fn assert_quarters(picture: &RgbImage, quad: &Quad, eye: &Eye, alpha: f64) {
 fn quad_is_drawn_at_its_pose_and_moves_with_its_universe() {
     let name = "pictures::quad_is_drawn_at_its_pose_and_moves_with_its_universe";
     alone(name, &config(), |rig| {
-        let Some(gpu) = Gpu::open() else { return };
+        let gpu = Gpu::open();
         let runtime = Runtime::connected();
         let quad = ahead(1.2, 0.6, 1.8);
         let handle = overlay(&runtime, c"test.quad", &quad);
@@ -203,7 +203,7 @@ fn quad_is_drawn_at_its_pose_and_moves_with_its_universe() {
 #[test]
 fn disparity_matches_distance() {
     alone("pictures::disparity_matches_distance", &json!({ "display": { "shot_size": SIZE } }), |rig| {
-        let Some(gpu) = Gpu::open() else { return };
+        let gpu = Gpu::open();
         let runtime = Runtime::connected();
         let quad = Quad { standing_from_overlay: placed(0.0, [0.1, 1.7, -1.5]), width_m: 0.4, height_m: 0.4 };
         let handle = overlay(&runtime, c"test.quad", &quad);
@@ -227,7 +227,7 @@ fn disparity_matches_distance() {
 #[test]
 fn side_by_side_halves_and_bounds_are_applied() {
     alone("pictures::side_by_side_halves_and_bounds_are_applied", &config(), |rig| {
-        let Some(gpu) = Gpu::open() else { return };
+        let gpu = Gpu::open();
         let runtime = Runtime::connected();
         // 64 × 32 for both eyes: each has a square half, and texels twice as wide as high make it
         // half as high.
@@ -264,7 +264,7 @@ fn side_by_side_halves_and_bounds_are_applied() {
 fn quads_are_ordered_by_sort_order_then_distance() {
     let name = "pictures::quads_are_ordered_by_sort_order_then_distance";
     alone(name, &config(), |rig| {
-        let Some(gpu) = Gpu::open() else { return };
+        let gpu = Gpu::open();
         let runtime = Runtime::connected();
         let (near, far) = (ahead(0.4, 0.4, 1.2), ahead(0.8, 0.8, 1.8));
         let near_handle = overlay(&runtime, c"test.near", &near);
@@ -292,7 +292,7 @@ fn quads_are_ordered_by_sort_order_then_distance() {
 #[test]
 fn premultiplied_flag_is_respected() {
     alone("pictures::premultiplied_flag_is_respected", &config(), |rig| {
-        let Some(gpu) = Gpu::open() else { return };
+        let gpu = Gpu::open();
         let runtime = Runtime::connected();
         let quad = ahead(0.8, 0.8, 1.6);
         let handle = overlay(&runtime, c"test.alpha", &quad);
@@ -325,7 +325,7 @@ fn premultiplied_flag_is_respected() {
 fn quad_back_follows_sdk_version_and_flag() {
     let name = "pictures::quad_back_follows_sdk_version_and_flag";
     alone(name, &config(), |rig| {
-        let Some(gpu) = Gpu::open() else { return };
+        let gpu = Gpu::open();
         let runtime = Runtime::connected();
         let front = ahead(0.8, 0.8, 1.6);
         let turned = front.standing_from_overlay * DMat4::from_rotation_y(std::f64::consts::PI);
@@ -353,7 +353,7 @@ fn quad_back_follows_sdk_version_and_flag() {
 /// Projections over both eyes, drawn with the view rotated by 0.1 rad to the left; the matrix in
 /// the given direction.
 fn projection(rig: &Rig, direction: &str) {
-    let Some(gpu) = Gpu::open() else { return };
+    let gpu = Gpu::open();
     let runtime = Runtime::connected();
     let texture = quarters(&gpu, [64, 64], COLORS);
     let turn = DMat4::from_rotation_y(0.1);
@@ -409,7 +409,7 @@ fn projection_matrix_direction_is_configurable() {
 #[test]
 fn headset_gpu_is_selected_by_name() {
     alone("pictures::headset_gpu_is_selected_by_name", &json!({}), |rig| {
-        let Some(gpu) = Gpu::open() else { return };
+        let gpu = Gpu::open();
         let runtime = Runtime::connected();
         let (physical_device, instance) = gpu.physical_device_and_instance();
         let mut found = 0u64;
@@ -429,7 +429,7 @@ fn headset_gpu_is_selected_by_name() {
 #[test]
 fn texture_copies_reuse_memory() {
     alone("pictures::texture_copies_reuse_memory", &config(), |rig| {
-        let Some(gpu) = Gpu::open() else { return };
+        let gpu = Gpu::open();
         let runtime = Runtime::connected();
         let quad = ahead(0.8, 0.8, 1.6);
         let handles = [c"test.a", c"test.b"].map(|key| overlay(&runtime, key, &quad));
@@ -453,13 +453,13 @@ fn texture_copies_reuse_memory() {
 #[test]
 fn device_change_is_reported_and_continues() {
     alone("pictures::device_change_is_reported_and_continues", &config(), |rig| {
-        let Some(first) = Gpu::open() else { return };
+        let first = Gpu::open();
         let runtime = Runtime::connected();
         let quad = ahead(0.8, 0.8, 1.6);
         let handle = overlay(&runtime, c"test.quad", &quad);
         let texture = plain(&first, RED);
         assert_eq!(first.show(&runtime, handle, &texture), 0);
-        let second = Gpu::open().unwrap();
+        let second = Gpu::open();
         let texture = plain(&second, BLUE);
         assert_eq!(second.show(&runtime, handle, &texture), 0);
         let (_, pictures) = rig.shot("second");

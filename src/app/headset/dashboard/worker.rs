@@ -366,12 +366,16 @@ mod tests {
     /// Drivers round differently, and the file has straight alpha.
     const TOLERANCE: u8 = 4;
 
-    /// The button's picture as the worker draws it; `None` without a graphics adapter.
-    fn drawn_icon() -> Option<RgbaImage> {
+    /// When set, the test writes the file instead of comparing it.
+    const UPDATE: &str = "ICON_UPDATE";
+
+    /// The button's picture as the worker draws it.
+    fn drawn_icon() -> RgbaImage {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = wgpu::Backends::VULKAN;
         let instance = wgpu::Instance::new(descriptor);
-        let adapter = pollster::block_on(instance.request_adapter(&Default::default())).ok()?;
+        let adapter = pollster::block_on(instance.request_adapter(&Default::default()))
+            .expect("a graphics adapter; ./setup.sh installs a software renderer");
         let required_limits = crate::render::needed_limits(&adapter.limits());
         let described = wgpu::DeviceDescriptor { required_limits, ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&described)).unwrap();
@@ -383,7 +387,7 @@ mod tests {
         worker.draw_thumbnail();
         let picture = drawings.try_recv().unwrap();
         queue.submit(picture.commands);
-        Some(reader.picture_of_texture(&picture.texture).unwrap())
+        reader.picture_of_texture(&picture.texture).unwrap()
     }
 
     fn premultiplied([r, g, b, a]: [u8; 4]) -> [u8; 4] {
@@ -398,7 +402,12 @@ mod tests {
 
     #[test]
     fn icon_file_shows_what_the_button_shows() {
-        let Some(drawn) = drawn_icon() else { return println!("skipped: no graphics adapter") };
+        let drawn = drawn_icon();
+        if std::env::var_os(UPDATE).is_some() {
+            let mut file = drawn.clone();
+            file.pixels_mut().for_each(|pixel| pixel.0 = straight(pixel.0));
+            file.save(ICON).unwrap();
+        }
         let file = image::open(ICON).unwrap().to_rgba8();
         assert_eq!(file.dimensions(), drawn.dimensions());
         for ((x, y, filed), drawn) in file.enumerate_pixels().zip(drawn.pixels()) {
@@ -406,13 +415,5 @@ mod tests {
             let is_near = filed.iter().zip(drawn.0).all(|(a, b)| a.abs_diff(b) <= TOLERANCE);
             assert!(is_near, "({x}, {y}): {filed:?} in the file, {drawn:?} drawn");
         }
-    }
-
-    #[test]
-    #[ignore = "writes overlay_assets/icon.png"]
-    fn write_icon_file() {
-        let mut drawn = drawn_icon().unwrap();
-        drawn.pixels_mut().for_each(|pixel| pixel.0 = straight(pixel.0));
-        drawn.save(ICON).unwrap();
     }
 }

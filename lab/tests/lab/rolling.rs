@@ -2,7 +2,7 @@
 //! `RADAR_CHAPERONE_LONG=1` a million sweeps, in minutes.
 
 #[allow(dead_code)]
-#[path = "../../crates/radar-mapping/tests/stability/cases.rs"]
+#[path = "../../../crates/radar-mapping/tests/stability/cases.rs"]
 mod cases;
 
 use std::sync::Arc;
@@ -10,12 +10,8 @@ use std::sync::Arc;
 use radar_sar::Statistic;
 use radar_sar::backprojection::{BrickGrid, RollingImage, RollingSettings, dense_volume};
 
+use crate::quick_or_long;
 use cases::{Case, Damage, NOISE_LSB, PATHS, cases, sound, sweeps};
-
-/// The first value, or the second in the long suite.
-fn quick_or_long<T>(quick: T, thorough: T) -> T {
-    if std::env::var_os("RADAR_CHAPERONE_LONG").is_some_and(|value| value != "0") { thorough } else { quick }
-}
 
 /// Pushes sweeps in a cycle and compares the image at intervals with the dense one of its window,
 /// bit for bit.

@@ -59,6 +59,7 @@ fn concurrent_streams_give_the_scene_of_a_replay() {
         scope.spawn(|| simulated.frames.iter().for_each(|frame| reconstruction.push(Event::Frame(frame.clone()))));
         scope.spawn(|| simulated.poses.iter().for_each(|pose| reconstruction.push(Event::Pose(*pose))));
     });
+    reconstruction.flush();
     let last_ns = simulated.frames.last().unwrap().host_time_ns;
     until(all_frames_processed(&reconstruction, last_ns));
     let newest = reconstruction.latest();
@@ -80,6 +81,7 @@ fn data_from_before_forget_is_discarded() {
     let push = |simulated: &Simulated| {
         simulated.poses.iter().for_each(|pose| reconstruction.push(Event::Pose(*pose)));
         simulated.frames.iter().for_each(|frame| reconstruction.push(Event::Frame(frame.clone())));
+        reconstruction.flush();
     };
     let last_ns = simulated.frames.last().unwrap().host_time_ns;
     push(&simulated);

@@ -1,12 +1,12 @@
 //! The vendor's detector on the vendor's recording.
 
-use std::path::Path;
-
 use a121::Frame;
 use lab::baselines::{Sampling, VendorDetector};
 use radar_mapping::range_axis;
 use radar_recording::{ImportOptions, import_h5};
 use radar_sar::PoseSample;
+
+use crate::common::real_recording;
 
 /// The vendor's method on the vendor's recording: the reflector in the tank slides along the
 /// boresight; the track that comes with the recording gives its speed, from another subsweep's
@@ -14,9 +14,8 @@ use radar_sar::PoseSample;
 #[test]
 #[ignore = "needs the vendor's recordings in ../shared/recordings"]
 fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {
-    let real = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/recordings");
-    let track = real.join("medium_tank_poses.tum");
-    let imported = import_h5(&real.join("medium_tank.h5"), Some(&track), &ImportOptions::default()).unwrap();
+    let [frames, track] = ["medium_tank.h5", "medium_tank_poses.tum"].map(real_recording);
+    let imported = import_h5(&frames, Some(&track), &ImportOptions::default()).unwrap();
     let (config, frames) = (imported.header.config, imported.frames);
     let place = |pose: &PoseSample| (pose.time_ns, pose.tracking_from_head().unwrap().translation.z);
     let poses: Vec<(i64, f64)> = imported.poses.iter().map(place).collect();

@@ -2,7 +2,7 @@
 
 use radar_chaperone::settings::Settings;
 
-const MANUAL: &str = include_str!("../docs/settings.toml");
+const MANUAL: &str = include_str!("../../docs/settings.toml");
 
 /// Sorted dotted names of a TOML table's values.
 fn names(prefix: &str, table: &toml::Table, into: &mut Vec<String>) {
