@@ -10,7 +10,7 @@
 
 use super::sweep_stack::{Group, SweepStack, WIDE_WINDOW, WINDOW};
 use crate::math;
-use crate::simd::{LANES, Lanes, dot, lane3, load3, scale3, splat3, store3, sub3};
+use crate::simd::{LANES, Lanes, dot, load3, scale3, splat3, store3, sub3};
 
 /// Voxels along a brick's edge.
 pub const EDGE: usize = 4;
@@ -83,6 +83,7 @@ impl<S: Lanes> Sweeps<S> {
     #[cfg(feature = "rolling")]
     #[inline(always)]
     pub(super) fn one(s: S, group: &Group, l: usize) -> Self {
+        use crate::simd::lane3;
         Self {
             position: lane3(s, &group.position_m, l),
             velocity: lane3(s, &group.velocity_m_per_s, l),

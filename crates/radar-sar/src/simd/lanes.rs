@@ -242,9 +242,9 @@ mod tests {
             }
         }
         // The values are also correct.
-        for l in 0..LANES {
+        for (l, (cos, sin)) in all[0][0].iter().zip(&all[0][1]).enumerate() {
             let exact = (std::f64::consts::PI * f64::from(0.3 + l as f32 * 211.7)).sin_cos();
-            let (cos, sin) = (f32::from_bits(all[0][0][l] as u32), f32::from_bits(all[0][1][l] as u32));
+            let (cos, sin) = (f32::from_bits(*cos as u32), f32::from_bits(*sin as u32));
             assert!((f64::from(cos) - exact.1).abs() < 1e-4 && (f64::from(sin) - exact.0).abs() < 1e-4);
         }
     }

@@ -194,11 +194,14 @@ impl Kernel for SumInBox<'_> {
             let phase_rad = PHASE_RAD_PER_M as f32 * run.half_length_m * cosine_spread;
             let offset_m = &partition.offset_m;
             if phase_rad >= SECOND_ORDER_FROM_RAD {
-                add_leaf::<S, 2>(s, block, voxels, scratch, run, offset_m, cosine_spread, sums);
+                let tables = tabulate::<S, 2>(s, block, scratch, run, offset_m, cosine_spread);
+                add_leaf::<S, 2>(s, block, voxels, run, &tables, sums);
             } else if phase_rad >= FIRST_ORDER_FROM_RAD {
-                add_leaf::<S, 1>(s, block, voxels, scratch, run, offset_m, cosine_spread, sums);
+                let tables = tabulate::<S, 1>(s, block, scratch, run, offset_m, cosine_spread);
+                add_leaf::<S, 1>(s, block, voxels, run, &tables, sums);
             } else {
-                add_leaf::<S, 0>(s, block, voxels, scratch, run, offset_m, cosine_spread, sums);
+                let tables = tabulate::<S, 0>(s, block, scratch, run, offset_m, cosine_spread);
+                add_leaf::<S, 0>(s, block, voxels, run, &tables, sums);
             }
         }
     }
@@ -396,13 +399,10 @@ fn add_leaf<S: Lanes, const ORDER: usize>(
     s: S,
     block: &Subaperture,
     voxels: &VoxelBox,
-    scratch: &Scratch,
     run: &Leaf,
-    offset_m: &[f32],
-    cosine_spread: f32,
+    tables: &Tables<S>,
     sums: &mut [Sums],
 ) {
-    let tables = tabulate::<S, ORDER>(s, block, scratch, run, offset_m, cosine_spread);
     // From the leaf's middle, when the box's middle was sampled, to the box's middle.
     let resting = minus(voxels.middle_m, run.position_m);
     let time_s = dot(resting, resting).sqrt() * block.time_s_per_m + block.time_at_zero_s;
