@@ -13,7 +13,7 @@ use lab::results::{Provenance, benchmark_page};
 use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
-use radar_sar::backprojection::instruction_set;
+use radar_sar::InstructionSet;
 
 /// Measures run time against error: every statistic, voxel size, number and choice of sweeps, dense
 /// and adaptive, fresh and rolling
@@ -51,7 +51,7 @@ impl BenchmarkCommand {
             bar.inc(1);
         })?;
         bar.finish_and_clear();
-        let (threads, instructions) = (rayon::current_num_threads(), instruction_set());
+        let (threads, instructions) = (rayon::current_num_threads(), InstructionSet::in_use());
         let machine = format!("{threads} threads, {instructions}");
         outln!("{}", present::table(&rows).aligned())?;
         outln!("On {machine}. *: no other row of these recordings is both faster and nearer the truth.")?;

@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::lanes::Lanes;
 use crate::Beam;
 use crate::math;
+use crate::simd::Lanes;
 
 /// Table steps over cosines −1 to 1; linear interpolation is within 1e-4 of every named beam.
 const STEPS: usize = 4096;

@@ -10,12 +10,12 @@
 
 use glam::DVec3;
 
-use super::brick_geometry::{Sweeps, dot, scale3, splat3, sub3};
+use super::brick_geometry::Sweeps;
 use super::grid::BrickGrid;
-use super::lanes::{LANES, Lanes};
 use super::sweep_stack::{Group, SweepStack};
 use crate::Statistic;
 use crate::math;
+use crate::simd::{LANES, Lanes, dot, scale3, splat3, sub3};
 
 /// Twice the greatest error of a kernel's distance, metres.
 const DISTANCE_ERROR_M: f32 = 1e-4;
@@ -219,7 +219,7 @@ pub(super) fn bounds<S: Lanes>(
         let within = s.at_most(s.mul(pose_distance, s.splat(stack.beam.cut_cos)), s.add(along, across));
         some = s.and(some, s.or(near, within));
     }
-    if s.bits(some) == 0 {
+    if s.mask_bits(some) == 0 {
         return s.splat_int(0);
     }
 

@@ -8,10 +8,9 @@
 //! or the sensor is near or within it, each voxel is computed separately, with a square root and a
 //! test.
 
-use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
-use super::sweep_stack::{Group, SweepStack};
-
+use super::sweep_stack::{Group, SweepStack, WIDE_WINDOW, WINDOW};
 use crate::math;
+use crate::simd::{LANES, Lanes, dot, load3, scale3, splat3, store3, sub3};
 
 /// Voxels along a brick's edge.
 pub const EDGE: usize = 4;
@@ -84,6 +83,7 @@ impl<S: Lanes> Sweeps<S> {
     #[cfg(feature = "rolling")]
     #[inline(always)]
     pub(super) fn one(s: S, group: &Group, l: usize) -> Self {
+        use crate::simd::lane3;
         Self {
             position: lane3(s, &group.position_m, l),
             velocity: lane3(s, &group.velocity_m_per_s, l),
@@ -187,15 +187,15 @@ impl Sight {
             some = s.and(some, s.or(near, s.at_most(cut, s.add(cos, turn))));
             inside = s.and(inside, s.at_most(cut, s.sub(cos, turn)));
         }
-        let inside = if stack.beam.solid { s.bits(inside) } else { 0 };
+        let inside = if stack.beam.solid { s.mask_bits(inside) } else { 0 };
 
         let start = s.max(s.floor(s.mul(s.sub(least, range_first), per_entry)), s.splat(0.0));
         let start = s.min(start, s.splat(1e6));
         let half_per_m = s.mul(per_m, s.splat(0.5));
         Self {
             inside,
-            edge: s.bits(some) & !inside,
-            wide: s.bits(fits_wide),
+            edge: s.mask_bits(some) & !inside,
+            wide: s.mask_bits(fits_wide),
             toward: store3(s, toward),
             offset_from_pose_m: store3(s, from_pose),
             distance_m: s.store(distance),
@@ -209,50 +209,6 @@ impl Sight {
             pose_distance_m: s.store(pose_distance),
         }
     }
-}
-
-#[inline(always)]
-pub(super) fn dot<S: Lanes>(s: S, a: [S::F; 3], b: [S::F; 3]) -> S::F {
-    s.mul_add(a[0], b[0], s.mul_add(a[1], b[1], s.mul(a[2], b[2])))
-}
-
-// Vectors of three, written out: closures would not be compiled for the kernel's instructions.
-
-#[inline(always)]
-pub(super) fn load3<S: Lanes>(s: S, v: &[[f32; LANES]; 3]) -> [S::F; 3] {
-    [s.load(&v[0]), s.load(&v[1]), s.load(&v[2])]
-}
-
-#[inline(always)]
-fn store3<S: Lanes>(s: S, v: [S::F; 3]) -> [[f32; LANES]; 3] {
-    [s.store(v[0]), s.store(v[1]), s.store(v[2])]
-}
-
-/// Three values, the same in every lane.
-#[inline(always)]
-pub(super) fn splat3<S: Lanes>(s: S, v: [f32; 3]) -> [S::F; 3] {
-    [s.splat(v[0]), s.splat(v[1]), s.splat(v[2])]
-}
-
-/// One lane's vector in every lane.
-#[inline(always)]
-pub(super) fn lane3<S: Lanes>(s: S, v: &[[f32; LANES]; 3], l: usize) -> [S::F; 3] {
-    splat3(s, [v[0][l], v[1][l], v[2][l]])
-}
-
-#[inline(always)]
-pub(super) fn sub3<S: Lanes>(s: S, a: [S::F; 3], b: [S::F; 3]) -> [S::F; 3] {
-    [s.sub(a[0], b[0]), s.sub(a[1], b[1]), s.sub(a[2], b[2])]
-}
-
-#[inline(always)]
-pub(super) fn add3<S: Lanes>(s: S, a: [S::F; 3], b: [S::F; 3]) -> [S::F; 3] {
-    [s.add(a[0], b[0]), s.add(a[1], b[1]), s.add(a[2], b[2])]
-}
-
-#[inline(always)]
-pub(super) fn scale3<S: Lanes>(s: S, v: [S::F; 3], by: S::F) -> [S::F; 3] {
-    [s.mul(v[0], by), s.mul(v[1], by), s.mul(v[2], by)]
 }
 
 /// Positions of a brick's voxels relative to its centre. Lanes are x and y, x fastest; the four

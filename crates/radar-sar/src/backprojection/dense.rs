@@ -4,10 +4,10 @@ use rayon::prelude::*;
 
 use super::brick_geometry::{BrickShape, EDGE, VOXELS};
 use super::grid::BrickGrid;
-use super::lanes::LANES;
 use super::power::{AddPower, power_shape};
 use super::sweep_stack::SweepStack;
 use super::weighted::{AddWeighted, weighted_shape};
+use crate::simd::LANES;
 use crate::{Statistic, Volume};
 
 /// A volume and the work it took.
@@ -108,8 +108,8 @@ mod tests {
 
     use super::*;
     use crate::Oracle;
-    use crate::backprojection::dispatch::tests::on_each;
     use crate::geometry::{Aabb, Pose};
+    use crate::simd::on_each;
     use crate::subaperture::SubapertureSettings;
     use crate::test_data::{Echo, on_one_thread, sweeps, winding};
     use crate::{Beam, Observation};

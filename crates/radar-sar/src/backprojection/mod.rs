@@ -7,9 +7,7 @@ mod beam_table;
 mod bounds;
 mod brick_geometry;
 mod dense;
-pub(crate) mod dispatch;
 mod grid;
-pub(crate) mod lanes;
 mod power;
 #[cfg(feature = "rolling")]
 mod rolling;
@@ -18,7 +16,6 @@ mod sweep_stack;
 mod weighted;
 
 pub use dense::{DenseVolume, dense_volume};
-pub use dispatch::instruction_set;
 pub use grid::BrickGrid;
 #[cfg(feature = "rolling")]
 pub use rolling::{RollingError, RollingImage, RollingSettings, RollingSize, RollingWork};

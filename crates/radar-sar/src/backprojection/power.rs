@@ -5,10 +5,9 @@
 //! subtractions: rolling, adaptive and dense images are equal bit for bit. 32-bit sums are moved to
 //! 64 bits before they could overflow.
 
-use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS, add3, dot, lane3, load3, scale3, splat3, sub3};
-use super::dispatch::{Kernel, on_widest};
-use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
-use super::sweep_stack::SweepStack;
+use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
+use super::sweep_stack::{HALF_WINDOW, SweepStack, WIDE_WINDOW, WINDOW};
+use crate::simd::{Kernel, LANES, Lanes, add3, dot, lane3, load3, on_widest, scale3, splat3, sub3};
 
 /// Greatest error of a distance, metres.
 const DISTANCE_ERROR_M: f64 = 5e-5;
@@ -246,7 +245,7 @@ pub(super) fn read<S: Lanes>(s: S, table: &[f32], sight: &Sight, l: usize, place
         let (here, next) = (s.splat_int(-first), s.splat_int(1 - first));
         for (value, &(n, rest)) in values.iter_mut().zip(places) {
             let (here, next) = (s.add_int(n, here), s.add_int(n, next));
-            let (here, next) = (s.look_up_wide(window, here), s.look_up_wide(window, next));
+            let (here, next) = (s.look_up(window, here), s.look_up(window, next));
             *value = s.mul_add(rest, s.sub(next, here), here);
         }
         return values;
@@ -307,7 +306,7 @@ pub(super) fn fully_visible<S: Lanes>(
         let least = s.mul(s.splat(stack.beam.cut_cos), s.add(pose_distance, s.splat(shape.radius_m + 1e-5)));
         whole = s.and(whole, s.at_most(s.max(least, s.splat(0.0)), along));
     }
-    s.bits(whole)
+    s.mask_bits(whole)
 }
 
 /// |x| + |y| + |z|: the extent of a box with half-edges of 1 along a unit vector.
@@ -400,8 +399,8 @@ fn add_fully_visible<S: Lanes>(
         let at = s.mul_add(s.sqrt(exact.squares(s, layer)), per_m, entry);
         let whole = s.floor(at);
         let (n, rest) = (s.to_int(whole), s.sub(at, whole));
-        let value = s.mul_add(rest, s.look_up_half(slopes, n), s.look_up_half(values, n));
-        let value = s.mul_add(s.max(s.sub(rest, middle), zero), s.look_up_half(turns, n), value);
+        let value = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
+        let value = s.mul_add(s.max(s.sub(rest, middle), zero), s.look_up(turns, n), value);
         // Only rounding can leave the table's bounds.
         *sum = s.add_int(*sum, s.to_int(s.max(s.min(value, most), zero)));
     }

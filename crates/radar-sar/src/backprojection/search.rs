@@ -14,11 +14,10 @@ use rayon::prelude::*;
 use super::bounds::{BoxLanes, RangeMaxima, SweepLanes, VoxelBox, bounds};
 use super::brick_geometry::VOXELS;
 use super::dense::Bricks;
-use super::dispatch::{Kernel, on_widest};
 use super::grid::BrickGrid;
-use super::lanes::{LANES, Lanes};
 use super::sweep_stack::SweepStack;
 use crate::Volume;
+use crate::simd::{Kernel, LANES, Lanes, on_widest};
 
 /// Least value of the voxels wanted.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -16,13 +16,16 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 use super::beam_table::BeamTable;
-use super::dispatch::{Kernel, on_widest};
-use super::lanes::{LANES, Lanes, WINDOW};
 use crate::compression::CompressionScratch;
 use crate::math;
+use crate::simd::{Kernel, LANES, Lanes, on_widest};
 use crate::{Beam, Observation, SweepGeometry, distance_falloff};
 use crate::{RangeCompressor, Statistic, sweep_noise_rms};
 
+/// Numbers of table entries that a kernel looks up in at once, from one load to eight.
+pub(super) const WINDOW: usize = 32;
+pub(super) const HALF_WINDOW: usize = 64;
+pub(super) const WIDE_WINDOW: usize = 128;
 /// Widest step of the tables, metres.
 const TABLE_STEP_M: f64 = 0.005;
 /// Least number of table steps per pulse width. |z|² is as wide as the pulse, and over such a step

@@ -11,13 +11,12 @@
 
 use super::beam_table::amplitude;
 use super::beam_table::{BeamTable, ENTRIES_PER_COS};
-use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS, dot, lane3, load3, scale3, sub3};
-use super::dispatch::{Kernel, on_widest};
-use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
+use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
 use super::power::{AtEdge, Edges, Exact, extent, from_sensor, fully_visible, read, window};
-use super::sweep_stack::{Group, SweepStack};
+use super::sweep_stack::{Group, HALF_WINDOW, SweepStack, WIDE_WINDOW, WINDOW};
 use crate::Statistic;
 use crate::WAVELENGTH_M;
+use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest, scale3, sub3};
 
 /// Greatest error of a distance, metres: 1 % of a radian of phase.
 const DISTANCE_ERROR_M: f64 = 4e-6;
@@ -286,7 +285,7 @@ impl AddWeighted<'_> {
         let time = s.mul_add(distance, s.load(&sweeps.time_s_per_m), s.load(&sweeps.time_at_zero_s));
         let still = s.at_most(s.mul(speed, s.abs(time)), s.mul(distance, s.splat(MOVED_SHARE)));
         let beyond_first = s.at_most(s.splat(self.shape.radius_m * 1.1 + HELD_M), distance);
-        s.bits(s.and(still, beyond_first)) & fully_visible(s, self.stack, group, sight, &self.shape)
+        s.mask_bits(s.and(still, beyond_first)) & fully_visible(s, self.stack, group, sight, &self.shape)
     }
 
     /// The same where each voxel counts and the sensor is nearly at rest: one distance is enough.
@@ -350,11 +349,11 @@ impl AddWeighted<'_> {
         let halves = if sweeps.entries_per_point[l] >= 2 { from } else { &[] };
         if let Some(window) = halves.first_chunk::<HALF_WINDOW>() {
             for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
-                *sum = s.mul_add(s.look_up_half(window, s.add_int(n, offset)), weight, *sum);
+                *sum = s.mul_add(s.look_up(window, s.add_int(n, offset)), weight, *sum);
             }
         } else if let Some(window) = from.first_chunk::<WIDE_WINDOW>() {
             for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
-                *sum = s.mul_add(s.look_up_wide(window, s.add_int(n, offset)), weight, *sum);
+                *sum = s.mul_add(s.look_up(window, s.add_int(n, offset)), weight, *sum);
             }
         } else {
             for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
@@ -472,12 +471,15 @@ impl Phase {
 /// amplitude and 5e-5 rad.
 #[inline(always)]
 fn add_turned<S: Lanes>(s: S, [re, im]: [S::F; 2], amplitude: S::F, parts: S::F, sums: [S::F; 2]) -> (S::F, S::F) {
-    let (Some(sines), Some(cosines)) = (SINES.first_chunk(), SINES.last_chunk()) else { return (sums[0], sums[1]) };
+    let (Some(sines), Some(cosines)) = (SINES.first_chunk::<{ PARTS / 2 }>(), SINES.last_chunk::<{ PARTS / 2 }>())
+    else {
+        return (sums[0], sums[1]);
+    };
     let n = s.to_int(parts);
     let rest = s.mul(s.sub(parts, s.to_float(n)), s.splat(PART_RAD));
     let (cos, sin) = (s.look_up(cosines, n), s.look_up(sines, n));
     // The tables hold half a turn; the other half has the opposite sign.
-    let amplitude = s.negate_where_bit_5(amplitude, n);
+    let amplitude = s.negate_where::<5>(amplitude, n);
     let a = s.mul_add(im, sin, s.mul(re, cos));
     let b = s.neg_mul_add(re, sin, s.mul(im, cos));
     let sum_re = s.mul_add(amplitude, s.mul_add(b, rest, a), sums[0]);
@@ -553,7 +555,7 @@ impl BeamExpansion {
             up_g: steps(s, gradient[2], heights),
             along_per_m: s.store(along),
             across_per_m2: s.store(across),
-            good: s.bits(good),
+            good: s.mask_bits(good),
         }
     }
 }
@@ -698,12 +700,12 @@ fn at<S: Lanes>(s: S, terms: &[f32; TERMS], offsets: &Offsets<S>, layer: usize) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::backprojection::lanes::Plain;
+    use crate::simd::Portable;
 
     #[test]
     fn phases_are_turned_back() {
         for n in -2000..2000 {
-            let (parts, s) = (n as f32 * 0.037, Plain);
+            let (parts, s) = (n as f32 * 0.037, Portable);
             let z = [s.splat(0.3), s.splat(-0.4)];
             let (re, im) = add_turned(s, z, s.splat(2.0), s.splat(parts), [s.splat(2.0), s.splat(3.0)]);
             let (sin, cos) = (f64::from(parts) * std::f64::consts::TAU / PARTS as f64).sin_cos();

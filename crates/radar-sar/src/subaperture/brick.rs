@@ -15,10 +15,8 @@
 //! kernel does with the oracle.
 
 use super::Subaperture;
-use super::lanes::{LANES, Lanes, Portable, ROUNDER, Vector};
 use super::leaf::{Leaf, dot, minus};
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{InstructionSet, has};
+use crate::simd::{self, Kernel, LANES, Lanes, ROUNDER, load3, on_widest, splat3, sub3};
 use crate::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
 /// Entries of a box's tables.
@@ -135,50 +133,37 @@ impl Subaperture {
 
     /// m of the layers' voxels. The box's radius must be at most [`Subaperture::box_reach_m`]. Values of
     /// voxels outside the range axes ([`Subaperture::covers`]) are meaningless.
-    pub(super) fn coherence_in_box(&self, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [Lanes]) {
+    pub(super) fn coherence_in_box(&self, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [[f32; LANES]]) {
         let mut sums = std::mem::take(&mut scratch.sums);
         sums.resize(voxels.layers_m.len(), [[0.0; LANES]; 3]);
         self.sums_in_box(voxels, scratch, &mut sums);
-        coherences(&sums, self.sweep_count as f32, m);
+        on_widest(Coherences { sums: &sums, count: self.sweep_count as f32, m });
         scratch.sums = sums;
     }
 
     /// The sums themselves, Σ w z e^(−jκd) and Σ w² abs(z)², under the same conditions.
     pub(super) fn sums_in_box(&self, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
-        #[cfg(target_arch = "x86_64")]
-        {
-            use super::lanes::{Avx2, Avx512};
-            #[target_feature(enable = "avx512f")]
-            fn avx512(block: &Subaperture, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
-                all::<Avx512>(block, voxels, scratch, sums);
-            }
-            #[target_feature(enable = "avx2,fma")]
-            fn avx2(block: &Subaperture, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
-                all::<Avx2>(block, voxels, scratch, sums);
-            }
-            if has(InstructionSet::Avx512) {
-                // SAFETY: the processor has the instructions that this copy of the code is compiled
-                // for.
-                return unsafe { avx512(self, voxels, scratch, sums) };
-            }
-            if has(InstructionSet::Avx2) {
-                // SAFETY: as above.
-                return unsafe { avx2(self, voxels, scratch, sums) };
-            }
-        }
-        all::<Portable>(self, voxels, scratch, sums);
+        on_widest(SumInBox { block: self, voxels, scratch, sums });
     }
 }
 
 /// Real part, imaginary part and energy of sixteen voxels.
-pub(super) type Sums = [Lanes; 3];
+pub(super) type Sums = [[f32; LANES]; 3];
 
-/// m from the sums of `count` sweeps, compiled for the processor's instructions.
-fn coherences(sums: &[Sums], count: f32, m: &mut [Lanes]) {
+/// m from the sums of `count` sweeps.
+struct Coherences<'a> {
+    sums: &'a [Sums],
+    count: f32,
+    m: &'a mut [[f32; LANES]],
+}
+
+impl Kernel for Coherences<'_> {
+    type Out = ();
+
     #[inline(always)]
-    fn each(sums: &[Sums], count: f32, m: &mut [Lanes]) {
-        let (share, rest_share) = (1.0 / count, 1.0 / (count - 1.0));
-        for ([re, im, energy], m) in sums.iter().zip(m) {
+    fn run<S: Lanes>(self, _: S) {
+        let (share, rest_share) = (1.0 / self.count, 1.0 / (self.count - 1.0));
+        for ([re, im, energy], m) in self.sums.iter().zip(self.m) {
             for l in 0..LANES {
                 let power = (re[l] * re[l] + im[l] * im[l]) * share;
                 let rest = (energy[l] - power) * rest_share;
@@ -186,44 +171,38 @@ fn coherences(sums: &[Sums], count: f32, m: &mut [Lanes]) {
             }
         }
     }
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx512f,avx512vl")]
-        fn avx512(sums: &[Sums], count: f32, m: &mut [Lanes]) {
-            each(sums, count, m);
-        }
-        #[target_feature(enable = "avx2")]
-        fn avx2(sums: &[Sums], count: f32, m: &mut [Lanes]) {
-            each(sums, count, m);
-        }
-        if has(InstructionSet::Avx512) {
-            // SAFETY: the processor has the instructions that this copy of the code is compiled
-            // for.
-            return unsafe { avx512(sums, count, m) };
-        }
-        if has(InstructionSet::Avx2) {
-            // SAFETY: as above.
-            return unsafe { avx2(sums, count, m) };
-        }
-    }
-    each(sums, count, m);
 }
 
-#[inline(always)]
-fn all<V: Vector>(block: &Subaperture, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
-    sums.fill([[0.0; LANES]; 3]);
-    demodulate_sweeps::<V>(block, voxels.middle_m, scratch);
-    let cosine_spread = block.cosine_spread(voxels);
-    let partition = block.partition(MAX_PHASE_RAD / (PHASE_RAD_PER_M as f32 * cosine_spread));
-    for run in &partition.runs {
-        let phase_rad = PHASE_RAD_PER_M as f32 * run.half_length_m * cosine_spread;
-        let offset_m = &partition.offset_m;
-        if phase_rad >= SECOND_ORDER_FROM_RAD {
-            add_leaf::<V, 2>(block, voxels, scratch, run, offset_m, cosine_spread, sums);
-        } else if phase_rad >= FIRST_ORDER_FROM_RAD {
-            add_leaf::<V, 1>(block, voxels, scratch, run, offset_m, cosine_spread, sums);
-        } else {
-            add_leaf::<V, 0>(block, voxels, scratch, run, offset_m, cosine_spread, sums);
+struct SumInBox<'a> {
+    block: &'a Subaperture,
+    voxels: &'a VoxelBox<'a>,
+    scratch: &'a mut Scratch,
+    sums: &'a mut [Sums],
+}
+
+impl Kernel for SumInBox<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) {
+        let Self { block, voxels, scratch, sums } = self;
+        sums.fill([[0.0; LANES]; 3]);
+        demodulate_sweeps(s, block, voxels.middle_m, scratch);
+        let cosine_spread = block.cosine_spread(voxels);
+        let partition = block.partition(MAX_PHASE_RAD / (PHASE_RAD_PER_M as f32 * cosine_spread));
+        for run in &partition.runs {
+            let phase_rad = PHASE_RAD_PER_M as f32 * run.half_length_m * cosine_spread;
+            let offset_m = &partition.offset_m;
+            if phase_rad >= SECOND_ORDER_FROM_RAD {
+                let tables = tabulate::<S, 2>(s, block, scratch, run, offset_m, cosine_spread);
+                add_leaf::<S, 2>(s, block, voxels, run, &tables, sums);
+            } else if phase_rad >= FIRST_ORDER_FROM_RAD {
+                let tables = tabulate::<S, 1>(s, block, scratch, run, offset_m, cosine_spread);
+                add_leaf::<S, 1>(s, block, voxels, run, &tables, sums);
+            } else {
+                let tables = tabulate::<S, 0>(s, block, scratch, run, offset_m, cosine_spread);
+                add_leaf::<S, 0>(s, block, voxels, run, &tables, sums);
+            }
         }
     }
 }
@@ -242,7 +221,7 @@ impl Subaperture {
 /// For each sweep, from its exact distance to the box's middle: the start of its table there, and
 /// the phasor that removes its phase.
 #[inline(always)]
-fn demodulate_sweeps<V: Vector>(block: &Subaperture, middle_m: [f32; 3], scratch: &mut Scratch) {
+fn demodulate_sweeps<S: Lanes>(s: S, block: &Subaperture, middle_m: [f32; 3], scratch: &mut Scratch) {
     let rows = &block.rows;
     let room = block.groups.len() * LANES;
     scratch.starts.resize(room, [0; 2]);
@@ -251,28 +230,22 @@ fn demodulate_sweeps<V: Vector>(block: &Subaperture, middle_m: [f32; 3], scratch
     }
     let last = rows.starts.len() - 2;
     for (g, group) in block.groups.iter().enumerate() {
-        // No closures here: they would not be compiled for the wider instructions.
-        let mut axes = [(V::splat(0.0), V::splat(0.0)); 3];
-        for axis in 0..3 {
-            let position = V::load(&group.position_m[axis]);
-            axes[axis] = (V::splat(middle_m[axis]).sub(position), V::load(&group.velocity_m_per_s[axis]));
-        }
-        let [(x, vx), (y, vy), (z, vz)] = axes;
-        let resting = length([x, y, z]);
-        let time = resting.mul_add(V::splat(block.time_s_per_m), V::splat(block.time_at_zero_s));
-        let distance = length([vx.neg_mul_add(time, x), vy.neg_mul_add(time, y), vz.neg_mul_add(time, z)]);
-        let half_turns = distance.mul(V::splat(HALF_TURNS_PER_M));
-        let (cos, sin) = half_turns.cos_sin_of_half_turns();
-        let at = distance.mul_add(V::splat(rows.entries_per_m), V::splat(rows.entry_at_zero));
-        let (whole, bits) = at.sub(V::splat(0.5)).rounded();
+        let [x, y, z] = sub3(s, splat3(s, middle_m), load3(s, &group.position_m));
+        let [vx, vy, vz] = load3(s, &group.velocity_m_per_s);
+        let resting = length(s, [x, y, z]);
+        let time = s.mul_add(resting, s.splat(block.time_s_per_m), s.splat(block.time_at_zero_s));
+        let moved = [s.neg_mul_add(vx, time, x), s.neg_mul_add(vy, time, y), s.neg_mul_add(vz, time, z)];
+        let distance = length(s, moved);
+        let (cos, sin) = s.cos_sin_of_half_turns(s.mul(distance, s.splat(HALF_TURNS_PER_M)));
+        let at = s.mul_add(distance, s.splat(rows.entries_per_m), s.splat(rows.entry_at_zero));
+        let (whole, bits) = s.rounded(s.sub(at, s.splat(0.5)));
         let first = g * LANES;
-        store(at.sub(whole), &mut scratch.share[first..]);
-        store(cos, &mut scratch.cos[first..]);
-        store(sin, &mut scratch.sin[first..]);
-        let mut lanes = [0.0; LANES];
-        bits.store(&mut lanes);
+        store_at(s, s.sub(at, whole), &mut scratch.share, first);
+        store_at(s, cos, &mut scratch.cos, first);
+        store_at(s, sin, &mut scratch.sin, first);
+        let bits = s.store_int(bits);
         for (l, starts) in scratch.starts[first..first + LANES].iter_mut().enumerate() {
-            let entry = (lanes[l].to_bits().wrapping_sub(ROUNDER.to_bits()) as i32).clamp(0, last as i32) as usize;
+            let entry = bits[l].wrapping_sub(ROUNDER.to_bits() as i32).clamp(0, last as i32) as usize;
             // Lanes of the last group beyond the last sweep have no values; they are never read.
             let sweep = ((first + l) * rows.sweep_len) as u32;
             *starts = [rows.starts[entry] + sweep, rows.starts[entry + 1] + sweep];
@@ -280,45 +253,46 @@ fn demodulate_sweeps<V: Vector>(block: &Subaperture, middle_m: [f32; 3], scratch
     }
 }
 
-/// Stores into the first sixteen values.
+/// Stores into sixteen values from `at` on.
 #[inline(always)]
-fn store<V: Vector>(vector: V, values: &mut [f32]) {
-    if let Some(lanes) = values.first_chunk_mut() {
-        vector.store(lanes);
+fn store_at<S: Lanes>(s: S, lanes: S::F, values: &mut [f32], at: usize) {
+    if let Some(values) = values[at..].first_chunk_mut() {
+        *values = s.store(lanes);
     }
 }
 
 #[inline(always)]
-fn length<V: Vector>([x, y, z]: [V; 3]) -> V {
-    x.mul_add(x, y.mul_add(y, z.mul(z))).sqrt()
+fn length<S: Lanes>(s: S, v: [S::F; 3]) -> S::F {
+    s.sqrt(simd::dot(s, v, v))
 }
 
 /// Position of a lane in a layer of 4 × 4.
-const COLUMN: Lanes = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
-const ROW: Lanes = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+const COLUMN: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+const ROW: [f32; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
 
 const HALF_TURNS_PER_M: f32 = (4.0 / WAVELENGTH_M) as f32;
 
 /// Tables of one leaf over one box: value, slope and half the second difference at each entry; for
 /// the moments, value and slope.
-struct Tables<V> {
-    energy: [V; 3],
-    re: [V; 3],
-    im: [V; 3],
-    first: [[V; 2]; 2],
-    second: [[V; 2]; 2],
+struct Tables<S: Lanes> {
+    energy: [S::F; 3],
+    re: [S::F; 3],
+    im: [S::F; 3],
+    first: [[S::F; 2]; 2],
+    second: [[S::F; 2]; 2],
 }
 
 #[inline(always)]
-fn tabulate<V: Vector, const ORDER: usize>(
+fn tabulate<S: Lanes, const ORDER: usize>(
+    s: S,
     block: &Subaperture,
     scratch: &Scratch,
     run: &Leaf,
     offset_m: &[f32],
     cosine_spread: f32,
-) -> Tables<V> {
+) -> Tables<S> {
     let rows = &block.rows;
-    let zero = V::splat(0.0);
+    let zero = s.splat(0.0);
     let (mut energy, mut sum) = (zero, [zero; 2]);
     let (mut first, mut second) = ([zero; 2], [zero; 2]);
     let sweeps = run.first..run.end;
@@ -326,67 +300,52 @@ fn tabulate<V: Vector, const ORDER: usize>(
     let tables = scratch.starts[sweeps.clone()].iter().zip(&scratch.share[sweeps.clone()]);
     for (((&[here, next], &share), (&cos, &sin)), &offset_m) in tables.zip(turns).zip(&offset_m[sweeps]) {
         let (here, next) = (here as usize, next as usize);
-        let share = V::splat(share);
-        let (from, to) = (load_or_zero::<V>(&rows.values, here), load_or_zero::<V>(&rows.values, next));
-        let re = share.mul_add(to.sub(from), from);
-        let (from, to) = (
-            load_or_zero::<V>(&rows.values, here + rows.row_len),
-            load_or_zero::<V>(&rows.values, next + rows.row_len),
-        );
-        let im = share.mul_add(to.sub(from), from);
-        energy = re.mul_add(re, im.mul_add(im, energy));
-        let (cos, sin) = (V::splat(cos), V::splat(sin));
+        let share = s.splat(share);
+        let (from, to) = (s.load_at(&rows.values, here), s.load_at(&rows.values, next));
+        let re = s.mul_add(share, s.sub(to, from), from);
+        let (from, to) = (s.load_at(&rows.values, here + rows.row_len), s.load_at(&rows.values, next + rows.row_len));
+        let im = s.mul_add(share, s.sub(to, from), from);
+        energy = s.mul_add(re, re, s.mul_add(im, im, energy));
+        let (cos, sin) = (s.splat(cos), s.splat(sin));
         // z · e^(−jκd)
-        let (re, im) = (re.mul_add(cos, im.mul(sin)), re.neg_mul_add(sin, im.mul(cos)));
-        sum = [sum[0].add(re), sum[1].add(im)];
+        let (re, im) = (s.mul_add(re, cos, s.mul(im, sin)), s.neg_mul_add(re, sin, s.mul(im, cos)));
+        sum = [s.add(sum[0], re), s.add(sum[1], im)];
         if ORDER >= 1 {
             // e^(jφ) ≈ 1 + jφ(1 − φm²/8) − ½φ²(1 − φm²/12) for φ within ±φm.
             let phase = PHASE_RAD_PER_M as f32 * offset_m;
             let greatest = phase * cosine_spread;
             let greatest2 = greatest * greatest;
-            let linear = V::splat(phase * (1.0 - greatest2 * (1.0 / 8.0)));
-            first = [linear.neg_mul_add(im, first[0]), linear.mul_add(re, first[1])];
+            let linear = s.splat(phase * (1.0 - greatest2 * (1.0 / 8.0)));
+            first = [s.neg_mul_add(linear, im, first[0]), s.mul_add(linear, re, first[1])];
             if ORDER >= 2 {
-                let square = V::splat(0.5 * phase * phase * (1.0 - greatest2 * (1.0 / 12.0)));
-                second = [square.neg_mul_add(re, second[0]), square.neg_mul_add(im, second[1])];
+                let square = s.splat(0.5 * phase * phase * (1.0 - greatest2 * (1.0 / 12.0)));
+                second = [s.neg_mul_add(square, re, second[0]), s.neg_mul_add(square, im, second[1])];
             }
         }
     }
     Tables {
-        energy: quadratics(energy),
-        re: quadratics(sum[0]),
-        im: quadratics(sum[1]),
-        first: [lines(first[0]), lines(first[1])],
-        second: [lines(second[0]), lines(second[1])],
-    }
-}
-
-/// Sixteen values from `at` on; zeros where the row is too short.
-#[inline(always)]
-fn load_or_zero<V: Vector>(row: &[f32], at: usize) -> V {
-    match row.get(at..at + LANES) {
-        Some(lanes) => match lanes.first_chunk() {
-            Some(lanes) => V::load(lanes),
-            None => V::splat(0.0),
-        },
-        None => V::splat(0.0),
+        energy: quadratics(s, energy),
+        re: quadratics(s, sum[0]),
+        im: quadratics(s, sum[1]),
+        first: [lines(s, first[0]), lines(s, first[1])],
+        second: [lines(s, second[0]), lines(s, second[1])],
     }
 }
 
 /// The entries before and after each entry.
 #[inline(always)]
-fn neighbors<V: Vector>(table: V) -> (V, V) {
-    (table.look_up(V::load(&LANE_BEFORE)), table.look_up(V::load(&LANE_AFTER)))
+fn neighbors<S: Lanes>(s: S, table: S::F) -> (S::F, S::F) {
+    (s.permute(table, s.load_int(&LANE_BEFORE)), s.permute(table, s.load_int(&LANE_AFTER)))
 }
 
-/// Index of each lane's neighbour, wrapping at the ends, in the encoding of lookups.
-const LANE_BEFORE: Lanes = lane_plus(LANES - 1);
-const LANE_AFTER: Lanes = lane_plus(1);
+/// Index of each lane's neighbour, wrapping at the ends.
+const LANE_BEFORE: [i32; LANES] = lane_plus(LANES - 1);
+const LANE_AFTER: [i32; LANES] = lane_plus(1);
 
-const fn lane_plus(shift: usize) -> Lanes {
-    let (mut lanes, mut l) = ([0.0; LANES], 0);
+const fn lane_plus(shift: usize) -> [i32; LANES] {
+    let (mut lanes, mut l) = ([0; LANES], 0);
     while l < LANES {
-        lanes[l] = ROUNDER + ((l + shift) % LANES) as f32;
+        lanes[l] = ((l + shift) % LANES) as i32;
         l += 1;
     }
     lanes
@@ -396,56 +355,55 @@ const fn lane_plus(shift: usize) -> Lanes {
 /// quadratic within half an entry of the middle one. Next to the tables' ends, where the fifth
 /// entry is missing, the cubic through four.
 #[inline(always)]
-fn quadratics<V: Vector>(table: V) -> [V; 3] {
-    let (before, after) = neighbors(table);
-    let half = V::splat(0.5);
-    let (slope, bend) = (after.sub(before).mul(half), after.add(before).mul(half).sub(table));
-    let (bend_before, bend_after) = neighbors(bend);
-    let (rise, fall) = (bend_after.sub(bend), bend.sub(bend_before));
-    let third = rise.mul(V::load(&AFTER)).add(fall.mul(V::load(&BEFORE)));
-    let fourth = rise.sub(fall).mul(V::load(&INNER));
+fn quadratics<S: Lanes>(s: S, table: S::F) -> [S::F; 3] {
+    let (before, after) = neighbors(s, table);
+    let half = s.splat(0.5);
+    let slope = s.mul(s.sub(after, before), half);
+    let bend = s.sub(s.mul(s.add(after, before), half), table);
+    let (bend_before, bend_after) = neighbors(s, bend);
+    let (rise, fall) = (s.sub(bend_after, bend), s.sub(bend, bend_before));
+    let third = s.add(s.mul(rise, s.load(&AFTER)), s.mul(fall, s.load(&BEFORE)));
+    let fourth = s.mul(s.sub(rise, fall), s.load(&INNER));
     [
-        fourth.neg_mul_add(V::splat(1.0 / 1536.0), table),
-        third.neg_mul_add(V::splat(13.0 / 96.0), slope),
-        fourth.neg_mul_add(V::splat(1.0 / 16.0), bend),
+        s.neg_mul_add(fourth, s.splat(1.0 / 1536.0), table),
+        s.neg_mul_add(third, s.splat(13.0 / 96.0), slope),
+        s.neg_mul_add(fourth, s.splat(1.0 / 16.0), bend),
     ]
 }
 
 /// Weights of the change of curvature after an entry, before it, and of their difference. Both
 /// sides count where an entry has two neighbours on each; otherwise the inner side alone.
-const AFTER: Lanes = [0.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
-const BEFORE: Lanes = [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0];
-const INNER: Lanes = [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
+const AFTER: [f32; LANES] = [0.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
+const BEFORE: [f32; LANES] = [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0];
+const INNER: [f32; LANES] = [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
 
 #[inline(always)]
-fn lines<V: Vector>(table: V) -> [V; 2] {
-    let (before, after) = neighbors(table);
-    [table, after.sub(before).mul(V::splat(0.5))]
+fn lines<S: Lanes>(s: S, table: S::F) -> [S::F; 2] {
+    let (before, after) = neighbors(s, table);
+    [table, s.mul(s.sub(after, before), s.splat(0.5))]
 }
 
 #[inline(always)]
-fn quadratic<V: Vector>(table: &[V; 3], at: V, u: V) -> V {
-    let slope = table[2].look_up(at).mul_add(u, table[1].look_up(at));
-    slope.mul_add(u, table[0].look_up(at))
+fn quadratic<S: Lanes>(s: S, table: &[S::F; 3], at: S::I, u: S::F) -> S::F {
+    let slope = s.mul_add(s.permute(table[2], at), u, s.permute(table[1], at));
+    s.mul_add(slope, u, s.permute(table[0], at))
 }
 
 #[inline(always)]
-fn line<V: Vector>(table: &[V; 2], at: V, u: V) -> V {
-    table[1].look_up(at).mul_add(u, table[0].look_up(at))
+fn line<S: Lanes>(s: S, table: &[S::F; 2], at: S::I, u: S::F) -> S::F {
+    s.mul_add(s.permute(table[1], at), u, s.permute(table[0], at))
 }
 
 #[inline(always)]
-fn add_leaf<V: Vector, const ORDER: usize>(
+fn add_leaf<S: Lanes, const ORDER: usize>(
+    s: S,
     block: &Subaperture,
     voxels: &VoxelBox,
-    scratch: &Scratch,
     run: &Leaf,
-    offset_m: &[f32],
-    cosine_spread: f32,
+    tables: &Tables<S>,
     sums: &mut [Sums],
 ) {
-    let tables = tabulate::<V, ORDER>(block, scratch, run, offset_m, cosine_spread);
-    // Vector from the leaf's middle, when the box's middle was sampled, to the box's middle.
+    // From the leaf's middle, when the box's middle was sampled, to the box's middle.
     let resting = minus(voxels.middle_m, run.position_m);
     let time_s = dot(resting, resting).sqrt() * block.time_s_per_m + block.time_at_zero_s;
     let [vx, vy, vz] = run.velocity_m_per_s;
@@ -458,44 +416,45 @@ fn add_leaf<V: Vector, const ORDER: usize>(
     let entry_at_zero = MIDDLE - middle_m * entries_per_m;
     let half_turns_per_m = HALF_TURNS_PER_M * lag;
     let along_middle_m = dot(run.along, away);
-    let middle_cosine = V::splat(along_middle_m / middle_m);
+    let middle_cosine = s.splat(along_middle_m / middle_m);
 
-    let voxel_m = V::splat(voxels.voxel_m);
-    let (column, row) = (V::load(&COLUMN).mul(voxel_m), V::load(&ROW).mul(voxel_m));
-    let distance2_in_layer = column.mul(column).add(row.mul(row));
+    let voxel_m = s.splat(voxels.voxel_m);
+    let (column, row) = (s.mul(s.load(&COLUMN), voxel_m), s.mul(s.load(&ROW), voxel_m));
+    let distance2_in_layer = s.add(s.mul(column, column), s.mul(row, row));
     for (corner, sums) in voxels.layers_m.iter().zip(sums) {
         // |away + corner + in-layer|², split into lane 0's part and the rest.
         let from = [away[0] + corner[0], away[1] + corner[1], away[2] + corner[2]];
-        let cross = column.mul_add(V::splat(2.0 * from[0]), row.mul(V::splat(2.0 * from[1])));
-        let distance = distance2_in_layer.add(cross).add(V::splat(dot(from, from))).sqrt();
-        let entry = distance.mul_add(V::splat(entries_per_m), V::splat(entry_at_zero));
-        let (whole, at) = entry.rounded();
-        let u = entry.sub(whole);
-        let (mut re, mut im) = (quadratic(&tables.re, at, u), quadratic(&tables.im, at, u));
+        let cross = s.mul_add(column, s.splat(2.0 * from[0]), s.mul(row, s.splat(2.0 * from[1])));
+        let distance = s.sqrt(s.add(s.add(distance2_in_layer, cross), s.splat(dot(from, from))));
+        let entry = s.mul_add(distance, s.splat(entries_per_m), s.splat(entry_at_zero));
+        let (whole, at) = s.rounded(entry);
+        let u = s.sub(entry, whole);
+        let (mut re, mut im) = (quadratic(s, &tables.re, at, u), quadratic(s, &tables.im, at, u));
         if ORDER >= 1 {
-            let along = column.mul_add(V::splat(run.along[0]), row.mul(V::splat(run.along[1])));
-            let cosine = along.add(V::splat(dot(run.along, from))).div(distance);
-            let x = cosine.sub(middle_cosine);
-            let (mut slope_re, mut slope_im) = (line(&tables.first[0], at, u), line(&tables.first[1], at, u));
+            let along = s.mul_add(column, s.splat(run.along[0]), s.mul(row, s.splat(run.along[1])));
+            let cosine = s.div(s.add(along, s.splat(dot(run.along, from))), distance);
+            let x = s.sub(cosine, middle_cosine);
+            let (mut slope_re, mut slope_im) = (line(s, &tables.first[0], at, u), line(s, &tables.first[1], at, u));
             if ORDER >= 2 {
-                slope_re = line(&tables.second[0], at, u).mul_add(x, slope_re);
-                slope_im = line(&tables.second[1], at, u).mul_add(x, slope_im);
+                slope_re = s.mul_add(line(s, &tables.second[0], at, u), x, slope_re);
+                slope_im = s.mul_add(line(s, &tables.second[1], at, u), x, slope_im);
             }
-            re = slope_re.mul_add(x, re);
-            im = slope_im.mul_add(x, im);
+            re = s.mul_add(slope_re, x, re);
+            im = s.mul_add(slope_im, x, im);
         }
-        let half_turns = distance.sub(V::splat(middle_m)).mul(V::splat(half_turns_per_m));
-        let (cos, sin) = half_turns.cos_sin_of_half_turns();
+        let half_turns = s.mul(s.sub(distance, s.splat(middle_m)), s.splat(half_turns_per_m));
+        let (cos, sin) = s.cos_sin_of_half_turns(half_turns);
         let [sum_re, sum_im, sum_energy] = sums;
-        re.mul_add(cos, im.mul_add(sin, V::load(sum_re))).store(sum_re);
-        im.mul_add(cos, re.neg_mul_add(sin, V::load(sum_im))).store(sum_im);
-        quadratic(&tables.energy, at, u).add(V::load(sum_energy)).store(sum_energy);
+        *sum_re = s.store(s.mul_add(re, cos, s.mul_add(im, sin, s.load(sum_re))));
+        *sum_im = s.store(s.mul_add(im, cos, s.neg_mul_add(re, sin, s.load(sum_im))));
+        *sum_energy = s.store(s.add(quadratic(s, &tables.energy, at, u), s.load(sum_energy)));
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::Portable;
     use crate::subaperture::{MEAN_LOG_OF_NOISE, SubapertureBuilder, SubapertureSettings};
     use crate::test_data::{Echo, sweeps, winding};
     use crate::{Beam, Observation};
@@ -619,7 +578,8 @@ mod tests {
             let voxels = VoxelBox { middle_m, voxel_m: 0.05, radius_m, layers_m: &layers_m };
             let (mut dispatched, mut portable) = ([[[0.0; LANES]; 3]; 4], [[[0.0; LANES]; 3]; 4]);
             block.sums_in_box(&voxels, &mut Scratch::default(), &mut dispatched);
-            all::<Portable>(&block, &voxels, &mut Scratch::default(), &mut portable);
+            let (scratch, sums) = (&mut Scratch::default(), &mut portable[..]);
+            SumInBox { block: &block, voxels: &voxels, scratch, sums }.run(Portable);
             let bits = |sums: [Sums; 4]| sums.map(|of| of.map(|lanes| lanes.map(f32::to_bits)));
             assert_eq!(bits(dispatched), bits(portable));
         }

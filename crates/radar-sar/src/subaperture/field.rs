@@ -9,6 +9,7 @@
 //! of sub-apertures that missed it. A field rebuilt from the same sub-apertures is the same, bit
 //! for bit.
 
+mod layer;
 mod maxima;
 mod view;
 
@@ -19,13 +20,12 @@ use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
 use super::brick::{Scratch, VoxelBox};
-use super::lanes::{LANES, Lanes, ln_1p};
-use super::{MEAN_LOG_OF_NOISE, Subaperture, SubapertureSettings};
+use super::{Subaperture, SubapertureSettings};
 use crate::geometry::Aabb;
 use crate::math;
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{InstructionSet, has};
+use crate::simd::{LANES, on_widest};
 
+use layer::{AddLayers, EPOCH_DOUBLINGS, Layer, Moment, TICKS_LOG2};
 pub use maxima::Peak;
 use maxima::{BrickPeaks, Neighbors, PeakQuery};
 use view::{BeamView, Coverage};
@@ -39,19 +39,6 @@ const VOXELS: usize = EDGE * EDGE * EDGE;
 /// stored tile by tile.
 const LAYERS: usize = VOXELS / LANES;
 const TILE_LAYERS: usize = 4;
-/// The weight grows by 2 to this power in an epoch.
-const EPOCH_DOUBLINGS: i32 = 8;
-/// Ticks in an epoch, as a power of two.
-const TICKS_LOG2: u32 = 16;
-
-/// Evidence of sixteen voxels.
-#[derive(Debug, Clone, Copy)]
-struct Layer {
-    a: Lanes,
-    b: Lanes,
-    /// Time last in the beam, ticks of the field's clock; negative when never.
-    seen: [i32; LANES],
-}
 
 #[derive(Debug)]
 struct Brick {
@@ -64,14 +51,6 @@ struct Brick {
     newest: i32,
     /// Result of the last search for maxima in it.
     found: BrickPeaks,
-}
-
-/// Time and weight of a sub-aperture.
-#[derive(Debug, Clone, Copy)]
-struct Moment {
-    ticks: i32,
-    /// e^(time since the epoch began / memory).
-    weight: f32,
 }
 
 /// Scores over space.
@@ -280,80 +259,6 @@ fn in_brick(n: usize) -> IVec3 {
     IVec3::new((tile % 2 * 4 + n % 4) as i32, (tile / 2 % 2 * 4 + n / 4 % 4) as i32, (tile / 4 * 4 + n / 16) as i32)
 }
 
-impl Layer {
-    const EMPTY: Self = Self { a: [0.0; LANES], b: [0.0; LANES], seen: [-1; LANES] };
-
-    /// Adds m to the lanes in the beam.
-    #[inline(always)]
-    fn add(&mut self, m: &Lanes, seen: &[bool; LANES], now: Moment) {
-        for l in 0..LANES {
-            // 2^(−doublings · epochs since), exact; 0 from sixteen epochs on.
-            let epochs = (now.ticks >> TICKS_LOG2) - (self.seen[l] >> TICKS_LOG2);
-            let exponent = (127 - EPOCH_DOUBLINGS * epochs.min(16)).max(0);
-            let faded = f32::from_bits((exponent as u32) << 23);
-            let log = ln_1p(m[l]) - MEAN_LOG_OF_NOISE as f32;
-            let a = now.weight.mul_add(log, self.a[l] * faded);
-            let b = now.weight.mul_add(now.weight, self.b[l] * (faded * faded));
-            let ticks = now.ticks.max(self.seen[l]);
-            (self.a[l], self.b[l], self.seen[l]) =
-                if seen[l] { (a, b, ticks) } else { (self.a[l], self.b[l], self.seen[l]) };
-        }
-    }
-
-    /// The greatest score, squared with its sign; −∞ when never in the beam.
-    #[inline(always)]
-    fn greatest2(&self) -> f32 {
-        let mut scores2 = [f32::NEG_INFINITY; LANES];
-        for ((score2, a), b) in scores2.iter_mut().zip(&self.a).zip(&self.b) {
-            let of_seen = a * a.abs() / b;
-            *score2 = if *b > 0.0 { of_seen } else { f32::NEG_INFINITY };
-        }
-        // By halves, so that whole vectors are compared, not one lane at a time.
-        let mut half = LANES / 2;
-        while half > 0 {
-            let (low, high) = scores2.split_at_mut(half);
-            for (a, b) in low.iter_mut().zip(high) {
-                *a = if *a > *b { *a } else { *b };
-            }
-            half /= 2;
-        }
-        scores2[0]
-    }
-}
-
-/// Adds m to a brick's layers, each given by its mask of lanes in the beam and its number.
-fn add_layers(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
-    #[inline(always)]
-    fn all(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
-        for ((mask, at), m) in seen.iter().zip(m) {
-            let layer = &mut brick.layers[*at];
-            layer.add(m, mask, now);
-            brick.greatest2[*at] = layer.greatest2();
-        }
-    }
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,fma")]
-        fn avx512(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
-            all(brick, seen, m, now);
-        }
-        #[target_feature(enable = "avx2,fma")]
-        fn avx2(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
-            all(brick, seen, m, now);
-        }
-        if has(InstructionSet::Avx512) {
-            // SAFETY: the processor has the instructions that this copy of the code is compiled
-            // for.
-            return unsafe { avx512(brick, seen, m, now) };
-        }
-        if has(InstructionSet::Avx2) {
-            // SAFETY: as above.
-            return unsafe { avx2(brick, seen, m, now) };
-        }
-    }
-    all(brick, seen, m, now);
-}
-
 impl Brick {
     fn new(key: IVec3) -> Self {
         let (layers, greatest2) = (Box::new([Layer::EMPTY; LAYERS]), [f32::NEG_INFINITY; LAYERS]);
@@ -432,7 +337,8 @@ impl Brick {
                 m.iter_mut().zip(view.block.coherence_at_points(&places)).for_each(|(m, c)| *m = c.m);
             }
         }
-        add_layers(self, &seen[..count], &m, moment);
+        let (layers, greatest2) = (&mut self.layers, &mut self.greatest2);
+        on_widest(AddLayers { layers, greatest2, seen: &seen[..count], m: &m, now: moment });
         self.newest = self.newest.max(moment.ticks);
         self.found.is_current = false;
         visited
@@ -455,7 +361,7 @@ fn tiles_in_box(reach_m: f32, voxel_m: f64) -> usize {
 mod tests {
     use super::*;
     use crate::geometry::Plane;
-    use crate::subaperture::SubapertureBuilder;
+    use crate::subaperture::{MEAN_LOG_OF_NOISE, SubapertureBuilder};
     use crate::test_data::{Echo, conjugated, on_one_thread, sweeps, winding};
     use crate::{Beam, Observation};
     use crate::{Oracle, Statistic};
@@ -620,7 +526,7 @@ mod tests {
             // 90 ms, with occasional pauses of minutes; m exponential, with bursts.
             time_ns += if n % 5000 == 4999 { 200_000_000_000 } else { 90_909_091 };
             let burst = if n % 977 < 3 { 1e4 } else { 1.0 };
-            let m: Lanes = std::array::from_fn(|_| (-(1.0 - uniform()).ln() * burst) as f32);
+            let m: [f32; LANES] = std::array::from_fn(|_| (-(1.0 - uniform()).ln() * burst) as f32);
             layer.add(&m, &[true; LANES], field.moment(time_ns));
             let rho = (-((time_ns - before_ns) as f64 * 1e-9) / field.settings.decay_s).exp();
             before_ns = time_ns;

@@ -12,9 +12,9 @@ use rayon::prelude::*;
 
 use super::Subaperture;
 use super::brick::{Scratch, Sums, VoxelBox};
-use super::lanes::LANES;
 use crate::Volume;
 use crate::geometry::Aabb;
+use crate::simd::LANES;
 
 /// Edge of the voxel cube that one task images: 8 × 8 × 8 where the box tables reach that far, else
 /// 4 × 4 × 4.

@@ -7,12 +7,12 @@ use glam::DVec3;
 
 use super::brick::Rows;
 use super::kernel::Group;
-use super::lanes::{LANES, Lanes};
 use super::leaf::{Partition, partition};
 use super::wall_cancellation::subtract_planes;
 use super::{Coherence, SubapertureSettings, taper};
 use crate::compression::CompressionScratch;
 use crate::geometry::{Plane, Pose};
+use crate::simd::LANES;
 use crate::{Observation, SweepGeometry};
 use crate::{RangeCompressor, subaperture_noise_rms};
 
@@ -49,7 +49,7 @@ pub struct Subaperture {
     pub(super) groups: Vec<Group>,
     /// z times the taper, `[entry][group]` then `[re, im][sweep]`; zero in lanes beyond the last
     /// sweep.
-    pub(super) z: Vec<[Lanes; 2]>,
+    pub(super) z: Vec<[[f32; LANES]; 2]>,
     /// The same values sweep by sweep, for the box kernel.
     pub(super) rows: Rows,
     /// Times of the sweeps, seconds after the first.

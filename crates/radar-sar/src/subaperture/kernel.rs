@@ -11,19 +11,17 @@
 //! For single points and planes. Volumes use `brick`, which handles many sweeps at a time.
 
 use super::Subaperture;
-use super::lanes::{LANES, Lanes, Portable, ROUNDER, Vector};
 use crate::WAVELENGTH_M;
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{InstructionSet, has};
+use crate::simd::{Kernel, LANES, Lanes, ROUNDER, dot, load3, on_widest, splat3, sub3};
 
 /// Positions and velocities of sixteen consecutive sweeps, relative to the sub-aperture's middle;
 /// the last lanes may repeat a sweep.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Group {
     /// `[axis][sweep]`, metres.
-    pub position_m: [Lanes; 3],
+    pub position_m: [[f32; LANES]; 3],
     /// `[axis][sweep]`.
-    pub velocity_m_per_s: [Lanes; 3],
+    pub velocity_m_per_s: [[f32; LANES]; 3],
 }
 
 /// One sub-aperture's measurement at a point or plane.
@@ -48,9 +46,9 @@ pub struct PlaneAt {
 trait RangeTarget: Copy {
     fn distance_m(self, from: [f32; 3]) -> f32;
     /// Distances from sixteen positions.
-    fn distances<V: Vector>(self, from: [V; 3]) -> V;
+    fn distances<S: Lanes>(self, s: S, from: [S::F; 3]) -> S::F;
     #[inline(always)]
-    fn distances_m(self, from: &[Lanes; 3]) -> Lanes {
+    fn distances_m(self, from: &[[f32; LANES]; 3]) -> [f32; LANES] {
         let mut distances = [0.0; LANES];
         for l in 0..LANES {
             distances[l] = self.distance_m([from[0][l], from[1][l], from[2][l]]);
@@ -66,10 +64,9 @@ impl RangeTarget for [f32; 3] {
         (x * x + y * y + z * z).sqrt()
     }
     #[inline(always)]
-    fn distances<V: Vector>(self, from: [V; 3]) -> V {
-        let [x, y, z] =
-            [V::splat(self[0]).sub(from[0]), V::splat(self[1]).sub(from[1]), V::splat(self[2]).sub(from[2])];
-        x.mul_add(x, y.mul_add(y, z.mul(z))).sqrt()
+    fn distances<S: Lanes>(self, s: S, from: [S::F; 3]) -> S::F {
+        let to = sub3(s, splat3(s, self), from);
+        s.sqrt(dot(s, to, to))
     }
 }
 
@@ -80,105 +77,82 @@ impl RangeTarget for PlaneAt {
         self.distance_m - (u[0] * from[0] + u[1] * from[1] + u[2] * from[2])
     }
     #[inline(always)]
-    fn distances<V: Vector>(self, from: [V; 3]) -> V {
-        let [x, y, z] = [V::splat(self.toward[0]), V::splat(self.toward[1]), V::splat(self.toward[2])];
-        let along = x.mul_add(from[0], y.mul_add(from[1], z.mul(from[2])));
-        V::splat(self.distance_m).sub(along)
+    fn distances<S: Lanes>(self, s: S, from: [S::F; 3]) -> S::F {
+        s.sub(s.splat(self.distance_m), dot(s, splat3(s, self.toward), from))
     }
 }
 
 impl Subaperture {
     /// Coherence at points relative to the sub-aperture's middle, metres.
     pub fn coherence_at_points(&self, points: &[[f32; 3]]) -> Vec<Coherence> {
-        dispatch(self, points)
+        on_widest(MeasureAll { block: self, places: points })
     }
 
     /// Coherence of planes.
     pub fn coherence_of_planes(&self, planes: &[PlaneAt]) -> Vec<Coherence> {
-        dispatch(self, planes)
+        on_widest(MeasureAll { block: self, places: planes })
     }
 }
 
-fn dispatch(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use super::lanes::{Avx2, Avx512};
-        #[target_feature(enable = "avx512f")]
-        fn avx512(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> {
-            all::<Avx512>(block, places)
-        }
-        #[target_feature(enable = "avx2,fma")]
-        fn avx2(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> {
-            all::<Avx2>(block, places)
-        }
-        if has(InstructionSet::Avx512) {
-            // SAFETY: the processor has the instructions that this copy of the code is compiled
-            // for.
-            return unsafe { avx512(block, places) };
-        }
-        if has(InstructionSet::Avx2) {
-            // SAFETY: as above.
-            return unsafe { avx2(block, places) };
-        }
-    }
-    all::<Portable>(block, places)
+/// Coherence at every place.
+#[derive(Clone)]
+struct MeasureAll<'a, T> {
+    block: &'a Subaperture,
+    places: &'a [T],
 }
 
-#[inline(always)]
-fn all<V: Vector>(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> {
-    let mut found = Vec::with_capacity(places.len());
-    for &place in places {
-        let middle_m = place.distance_m([0.0; 3]);
-        let plain = block.is_smooth && block.covers(middle_m, middle_m);
-        found.push(if plain { coherence::<V>(block, place) } else { bounds_checked_coherence(block, place) });
+impl<T: RangeTarget> Kernel for MeasureAll<'_, T> {
+    type Out = Vec<Coherence>;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) -> Vec<Coherence> {
+        let Self { block, places } = self;
+        let mut found = Vec::with_capacity(places.len());
+        for &place in places {
+            let middle_m = place.distance_m([0.0; 3]);
+            let plain = block.is_smooth && block.covers(middle_m, middle_m);
+            found.push(if plain { coherence(s, block, place) } else { bounds_checked_coherence(block, place) });
+        }
+        found
     }
-    found
 }
 
 /// For a point within the range axis of every sweep, with every sweep close to its group's middle
 /// one.
 #[inline(always)]
-fn coherence<V: Vector>(block: &Subaperture, place: impl RangeTarget) -> Coherence {
-    let zero = V::splat(0.0);
+fn coherence<S: Lanes>(s: S, block: &Subaperture, place: impl RangeTarget) -> Coherence {
+    let zero = s.splat(0.0);
     let (mut sum_re, mut sum_im, mut sum_energy) = (zero, zero, zero);
-    let half_turns_per_m = V::splat((4.0 / WAVELENGTH_M) as f32);
-    let one = V::splat(1.0);
+    let half_turns_per_m = s.splat((4.0 / WAVELENGTH_M) as f32);
+    let one = s.splat(1.0);
     for (g, group) in block.groups.iter().enumerate() {
         let [x, y, z] = &group.position_m;
         let middle_m = place.distance_m([x[LANES / 2], y[LANES / 2], z[LANES / 2]]);
-        let time = V::splat(middle_m * block.time_s_per_m + block.time_at_zero_s);
-        let [vx, vy, vz] = &group.velocity_m_per_s;
-        let from = [
-            V::load(vx).mul_add(time, V::load(x)),
-            V::load(vy).mul_add(time, V::load(y)),
-            V::load(vz).mul_add(time, V::load(z)),
-        ];
-        let distance = place.distances(from);
-        let (cos, sin) = distance.mul(half_turns_per_m).cos_sin_of_half_turns();
+        let time = s.splat(middle_m * block.time_s_per_m + block.time_at_zero_s);
+        let [x, y, z] = load3(s, &group.position_m);
+        let [vx, vy, vz] = load3(s, &group.velocity_m_per_s);
+        let distance = place.distances(s, [s.mul_add(vx, time, x), s.mul_add(vy, time, y), s.mul_add(vz, time, z)]);
+        let (cos, sin) = s.cos_sin_of_half_turns(s.mul(distance, half_turns_per_m));
         let (at, entry_m) = block.entry_at(middle_m);
         let rows = [block.row(at - 1, g), block.row(at, g), block.row(at + 1, g)];
-        let u = distance.sub(V::splat(entry_m)).mul(V::splat(block.entries_per_m));
-        let half_u = u.mul(V::splat(0.5));
-        let (before, after) = (half_u.mul(u).sub(half_u), half_u.mul_add(u, half_u));
-        let here = u.neg_mul_add(u, one);
-        let [re, im] =
-            [interpolate::<V>(&rows, 0, before, here, after), interpolate::<V>(&rows, 1, before, here, after)];
+        let u = s.mul(s.sub(distance, s.splat(entry_m)), s.splat(block.entries_per_m));
+        let half_u = s.mul(u, s.splat(0.5));
+        let weights = [s.sub(s.mul(half_u, u), half_u), s.neg_mul_add(u, u, one), s.mul_add(half_u, u, half_u)];
+        let [re, im] = [interpolate(s, &rows, 0, weights), interpolate(s, &rows, 1, weights)];
         // z · e^(−jκd)
-        sum_re = re.mul_add(cos, im.mul_add(sin, sum_re));
-        sum_im = im.mul_add(cos, re.neg_mul_add(sin, sum_im));
-        sum_energy = re.mul_add(re, im.mul_add(im, sum_energy));
+        sum_re = s.mul_add(re, cos, s.mul_add(im, sin, sum_re));
+        sum_im = s.mul_add(im, cos, s.neg_mul_add(re, sin, sum_im));
+        sum_energy = s.mul_add(re, re, s.mul_add(im, im, sum_energy));
     }
-    let mut sums = [[0.0; LANES]; 3];
-    sum_re.store(&mut sums[0]);
-    sum_im.store(&mut sums[1]);
-    sum_energy.store(&mut sums[2]);
-    Coherence::of(sum(sums[0]), sum(sums[1]), sum(sums[2]), block.sweep_count as f32)
+    let [re, im, energy] = [s.store(sum_re), s.store(sum_im), s.store(sum_energy)];
+    Coherence::of(sum(re), sum(im), sum(energy), block.sweep_count as f32)
 }
 
 #[inline(always)]
-fn interpolate<V: Vector>(rows: &[&[Lanes; 2]; 3], part: usize, before: V, here: V, after: V) -> V {
-    let outer = V::load(&rows[0][part]).mul_add(before, V::load(&rows[2][part]).mul(after));
-    V::load(&rows[1][part]).mul_add(here, outer)
+fn interpolate<S: Lanes>(s: S, rows: &[&[[f32; LANES]; 2]; 3], part: usize, weights: [S::F; 3]) -> S::F {
+    let [before, here, after] = weights;
+    let outer = s.mul_add(s.load(&rows[0][part]), before, s.mul(s.load(&rows[2][part]), after));
+    s.mul_add(s.load(&rows[1][part]), here, outer)
 }
 
 impl Coherence {
@@ -217,7 +191,7 @@ fn bounds_checked_coherence(block: &Subaperture, place: impl RangeTarget) -> Coh
 impl Group {
     /// Sensor positions after that time.
     #[inline(always)]
-    fn moved(&self, time_s: f32) -> [Lanes; 3] {
+    fn moved(&self, time_s: f32) -> [[f32; LANES]; 3] {
         let mut position_m = self.position_m;
         for (positions, velocities) in position_m.iter_mut().zip(&self.velocity_m_per_s) {
             for (position, velocity) in positions.iter_mut().zip(velocities) {
@@ -239,13 +213,13 @@ impl Subaperture {
     }
 
     #[inline(always)]
-    fn row(&self, entry: usize, group: usize) -> &[Lanes; 2] {
+    fn row(&self, entry: usize, group: usize) -> &[[f32; LANES]; 2] {
         &self.z[entry * self.groups.len() + group]
     }
 
     /// z of a group's sweeps, each at its own distance; zero outside the axis.
     #[inline(always)]
-    fn look_up(&self, group: usize, middle_m: f32, distance: &Lanes) -> (Lanes, Lanes) {
+    fn look_up(&self, group: usize, middle_m: f32, distance: &[f32; LANES]) -> ([f32; LANES], [f32; LANES]) {
         let (at, entry_m) = self.entry_at(middle_m);
         let (before, here, after) = (self.row(at - 1, group), self.row(at, group), self.row(at + 1, group));
         let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
@@ -265,7 +239,7 @@ impl Subaperture {
 
 /// Sum of the lanes, by halves.
 #[inline(always)]
-fn sum(lanes: Lanes) -> f32 {
+fn sum(lanes: [f32; LANES]) -> f32 {
     let (mut eight, mut four) = ([0.0; 8], [0.0; 4]);
     for l in 0..8 {
         eight[l] = lanes[l] + lanes[l + 8];
@@ -295,6 +269,7 @@ fn sin_quarter(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::on_each;
     use crate::subaperture::{MEAN_LOG_OF_NOISE, SubapertureBuilder, SubapertureSettings};
     use crate::test_data::{Echo, sweeps, winding};
     use crate::{Beam, Observation};
@@ -344,10 +319,12 @@ mod tests {
     fn every_instruction_set_gives_the_same_bits() {
         let block = block(&sweeps(0.089, winding, &[(Echo::Point(AT), 2.0)], 8));
         let relative: Vec<_> = places().iter().map(|p| (*p - block.middle.translation).as_vec3().to_array()).collect();
-        assert_eq!(all::<Portable>(&block, &relative), block.coherence_at_points(&relative));
+        let all = on_each(&MeasureAll { block: &block, places: &relative });
+        assert!(all.windows(2).all(|two| two[0] == two[1]));
         let toward = [0.6, 0.0, -0.8];
         let planes: Vec<_> = (0..60).map(|n| PlaneAt { toward, distance_m: 0.3 + 0.05 * n as f32 }).collect();
-        assert_eq!(all::<Portable>(&block, &planes), block.coherence_of_planes(&planes));
+        let all = on_each(&MeasureAll { block: &block, places: &planes });
+        assert!(all.windows(2).all(|two| two[0] == two[1]));
         // The checked loop differs by rounding only.
         for (plain, place) in block.coherence_at_points(&relative).iter().zip(&relative) {
             let careful = bounds_checked_coherence(&block, *place);

@@ -7,7 +7,7 @@
 //! the box.
 
 use super::kernel::Group;
-use super::lanes::LANES;
+use crate::simd::LANES;
 
 /// Consecutive sweeps that act as one unit.
 #[derive(Debug, Clone)]

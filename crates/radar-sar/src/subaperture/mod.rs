@@ -11,7 +11,6 @@ mod fine;
 mod fine_image;
 mod interval;
 mod kernel;
-mod lanes;
 mod leaf;
 mod mti;
 mod planes;

@@ -26,11 +26,9 @@
 
 use glam::DVec3;
 
-use super::lanes::LANES;
 use super::{Subaperture, taper};
-use crate::backprojection::dispatch::{Kernel, on_widest};
-use crate::backprojection::lanes::Lanes;
 use crate::math;
+use crate::simd::{Kernel, LANES, Lanes, on_widest};
 use crate::{Beam, WAVELENGTH_M};
 
 /// Two-way beam amplitude at the edge of the directions treated as clutter.
@@ -354,24 +352,15 @@ impl Kernel for Project<'_> {
             for at in (0..2 * width).step_by(LANES) {
                 let mut sum = s.splat(0.0);
                 for (k, value) in tone[..sweeps].iter().enumerate() {
-                    sum = s.mul_add(s.splat(*value), sixteen(s, data, k * 2 * width + at), sum);
+                    sum = s.mul_add(s.splat(*value), s.load_at(data, k * 2 * width + at), sum);
                 }
                 for (k, value) in tone[..sweeps].iter().enumerate() {
                     let from = k * 2 * width + at;
-                    let residual = s.neg_mul_add(s.splat(*value), sum, sixteen(s, data, from));
+                    let residual = s.neg_mul_add(s.splat(*value), sum, s.load_at(data, from));
                     data[from..from + LANES].copy_from_slice(&s.store(residual));
                 }
             }
         }
-    }
-}
-
-/// Sixteen values from an index on; all must exist.
-#[inline(always)]
-fn sixteen<S: Lanes>(s: S, values: &[f32], at: usize) -> S::F {
-    match values[at..].first_chunk() {
-        Some(values) => s.load(values),
-        None => s.splat(0.0),
     }
 }
 
@@ -397,7 +386,7 @@ impl Kernel for Tone<'_> {
             let (mut re, mut im) = (s.splat(0.0), s.splat(0.0));
             for k in 0..cos.len().min(sin.len()) {
                 let (c, d) = (s.splat(cos[k]), s.splat(sin[k]));
-                let (x, y) = (sixteen(s, data, k * 2 * width + at), sixteen(s, data, k * 2 * width + width + at));
+                let (x, y) = (s.load_at(data, k * 2 * width + at), s.load_at(data, k * 2 * width + width + at));
                 (re, im) = (s.mul_add(x, c, re), s.mul_add(y, c, im));
                 (re, im) = (s.neg_mul_add(y, d, re), s.mul_add(x, d, im));
             }

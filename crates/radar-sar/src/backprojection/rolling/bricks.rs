@@ -4,11 +4,10 @@
 //! Rolling processes sixteen bricks for one sweep at a time; catching up processes one brick for
 //! all the sweeps added and removed since.
 
-use super::super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, Sweeps, VOXELS, load3};
-use super::super::dispatch::Kernel;
-use super::super::lanes::{LANES, Lanes};
+use super::super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, Sweeps, VOXELS};
 use super::super::power::{AddPower, add_inside};
 use super::super::sweep_stack::SweepStack;
+use crate::simd::{Kernel, LANES, Lanes, load3};
 
 /// A brick of voxels.
 #[derive(Debug, Clone)]

@@ -25,12 +25,11 @@ use rayon::prelude::*;
 
 use super::bounds::RangeMaxima;
 use super::brick_geometry::{BrickShape, VOXELS};
-use super::dispatch::on_widest;
 use super::grid::BrickGrid;
-use super::lanes::LANES;
 use super::power::{AddPower, power_shape};
 use super::sweep_stack::{SweepRefusal, SweepStack, ls_step};
 use crate::Statistic;
+use crate::simd::{LANES, on_widest};
 use crate::subaperture::MEAN_LOG_OF_NOISE;
 use crate::{Beam, Observation, SweepGeometry};
 use bricks::{Brick, RollBricks, Sums};

@@ -8,8 +8,8 @@
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
-use super::super::lanes::{LANES, Lanes};
 use super::{Brick, EDGE, EDGE_LOG2, Field, VOXELS, in_brick, index_in_brick};
+use crate::simd::LANES;
 
 /// Neighbours that share a face.
 const NEAREST: usize = 6;
@@ -170,7 +170,7 @@ impl Brick {
 fn greatest_of_cubes(scores: &[f32; VOXELS], mut each: impl FnMut(usize, f32)) {
     for (pair, layers) in scores.chunks_exact(2 * LANES).enumerate() {
         let (low, high) = layers.split_at(LANES);
-        let of_both: Lanes = std::array::from_fn(|l| if low[l] > high[l] { low[l] } else { high[l] });
+        let of_both: [f32; LANES] = std::array::from_fn(|l| if low[l] > high[l] { low[l] } else { high[l] });
         for corner in [0, 2, 2 * COLUMNS, 2 * COLUMNS + 2] {
             let four = [0, 1, COLUMNS, COLUMNS + 1].map(|l| corner + l);
             let greatest = four.iter().fold(f32::NEG_INFINITY, |a, l| if of_both[*l] > a { of_both[*l] } else { a });

@@ -3,10 +3,8 @@
 
 use glam::DVec3;
 
-use super::super::lanes::LANES;
 use super::super::{Subaperture, SubapertureSettings};
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{InstructionSet, has};
+use crate::simd::{Kernel, LANES, Lanes, on_widest};
 
 /// How much of a sphere is in the beam of a sub-aperture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,37 +54,33 @@ impl<'a> BeamView<'a> {
 impl BeamView<'_> {
     /// Which voxels of a layer are in the beam, lane 0 at `corner`: [`SubapertureSettings::sees`] for
     /// sixteen at a time.
+    pub fn layer_coverage(&self, corner: DVec3) -> [bool; LANES] {
+        on_widest(CoverLayer { view: self, corner })
+    }
+}
+
+struct CoverLayer<'a> {
+    view: &'a BeamView<'a>,
+    corner: DVec3,
+}
+
+impl Kernel for CoverLayer<'_> {
+    type Out = [bool; LANES];
+
     #[inline(always)]
-    fn lane_coverage(&self, corner: DVec3) -> [bool; LANES] {
-        let SubapertureSettings { voxel_m, min_range_m, max_range_m, .. } = self.settings;
-        let (forward, to) = (self.forward, corner - self.block.middle.translation);
-        let (min2, max2) = (min_range_m * min_range_m, max_range_m * max_range_m);
-        let cos2 = self.min_cos * self.min_cos.abs();
+    fn run<S: Lanes>(self, _: S) -> [bool; LANES] {
+        let BeamView { settings, forward, min_cos, block, .. } = self.view;
+        let to = self.corner - block.middle.translation;
+        let (min2, max2) = (settings.min_range_m * settings.min_range_m, settings.max_range_m * settings.max_range_m);
+        let cos2 = min_cos * min_cos.abs();
         let mut seen = [false; LANES];
         for l in 0..LANES {
-            let (x, y) = (to.x + COLUMN[l] * voxel_m, to.y + ROW[l] * voxel_m);
+            let (x, y) = (to.x + COLUMN[l] * settings.voxel_m, to.y + ROW[l] * settings.voxel_m);
             let along = x * forward.x + y * forward.y + to.z * forward.z;
             let distance2 = x * x + y * y + to.z * to.z;
             seen[l] = (distance2 >= min2) & (distance2 <= max2) & (along * along.abs() >= cos2 * distance2);
         }
         seen
-    }
-
-    /// The same, compiled for the processor's instructions.
-    pub fn layer_coverage(&self, corner: DVec3) -> [bool; LANES] {
-        #[cfg(target_arch = "x86_64")]
-        {
-            #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq")]
-            fn avx512(view: &BeamView, corner: DVec3) -> [bool; LANES] {
-                view.lane_coverage(corner)
-            }
-            if has(InstructionSet::Avx512) {
-                // SAFETY: the processor has the instructions that this copy of the code is compiled
-                // for.
-                return unsafe { avx512(self, corner) };
-            }
-        }
-        self.lane_coverage(corner)
     }
 }
 

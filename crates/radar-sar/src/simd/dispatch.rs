@@ -1,11 +1,15 @@
-//! Vector instructions used by the kernels.
+//! The choice of the instruction set, and running a kernel on it.
 //!
-//! The best that the processor supports, or what `RADAR_CHAPERONE_INSTRUCTIONS` limits it to
-//! (`portable`, `avx2`, `avx512`), so that each can be tested and timed wherever it exists. Results
-//! have the same bits on all of them.
+//! It is the best that the processor supports, or what `RADAR_CHAPERONE_INSTRUCTIONS` limits it to
+//! (`portable`, `avx2`, `avx512`), so that each can be tested and timed wherever it exists.
 
+use std::fmt;
 use std::str::FromStr;
 use std::sync::LazyLock;
+
+#[cfg(target_arch = "x86_64")]
+use super::{avx2::Avx2, avx512::Avx512};
+use super::{lanes::Lanes, portable::Portable};
 
 /// The environment variable that limits the instructions.
 pub const INSTRUCTIONS_VARIABLE: &str = "RADAR_CHAPERONE_INSTRUCTIONS";
@@ -37,6 +41,16 @@ impl FromStr for InstructionSet {
             "avx512" => Ok(Self::Avx512),
             other => Err(UnknownInstructionSet(other.into())),
         }
+    }
+}
+
+impl fmt::Display for InstructionSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Portable => "plain instructions",
+            Self::Avx2 => "AVX2",
+            Self::Avx512 => "AVX-512",
+        })
     }
 }
 
@@ -82,10 +96,60 @@ impl InstructionSet {
     }
 }
 
-/// Queried by dispatchers on every call.
+/// A kernel, written once for every instruction set. `run` must be `#[inline(always)]`, so that it
+/// is compiled for the caller's instructions.
+pub(crate) trait Kernel {
+    /// Result of the kernel.
+    type Out;
+    fn run<S: Lanes>(self, s: S) -> Self::Out;
+}
+
+/// Runs a kernel. Every choice gives the same bits.
+#[inline]
+pub(crate) fn on_widest<K: Kernel>(kernel: K) -> K::Out {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if let Some(s) = Avx512::detect() {
+            // SAFETY: `s` exists, so the processor has the instructions that this copy is compiled
+            // for.
+            return unsafe { avx512(s, kernel) };
+        }
+        if let Some(s) = Avx2::detect() {
+            // SAFETY: as above.
+            return unsafe { avx2(s, kernel) };
+        }
+    }
+    kernel.run(Portable)
+}
+
 #[cfg(target_arch = "x86_64")]
-pub(super) fn has(wanted: InstructionSet) -> bool {
-    InstructionSet::in_use() >= wanted
+#[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,fma")]
+fn avx512<K: Kernel>(s: Avx512, kernel: K) -> K::Out {
+    kernel.run(s)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn avx2<K: Kernel>(s: Avx2, kernel: K) -> K::Out {
+    kernel.run(s)
+}
+
+/// The kernel's result on each instruction set in use, widest last.
+#[cfg(test)]
+pub(crate) fn on_each<K: Kernel + Clone>(kernel: &K) -> Vec<K::Out> {
+    let mut all = vec![kernel.clone().run(Portable)];
+    #[cfg(target_arch = "x86_64")]
+    {
+        if let Some(s) = Avx2::detect() {
+            // SAFETY: as in `on_widest`.
+            all.push(unsafe { avx2(s, kernel.clone()) });
+        }
+        if let Some(s) = Avx512::detect() {
+            // SAFETY: as in `on_widest`.
+            all.push(unsafe { avx512(s, kernel.clone()) });
+        }
+    }
+    all
 }
 
 #[cfg(test)]

@@ -1,0 +1,170 @@
+//! Vector operations with AVX2 and FMA: two registers of eight lanes.
+
+use std::arch::x86_64::*;
+
+use super::dispatch::InstructionSet;
+use super::lanes::{LANES, Lanes, limited};
+
+/// Proof that the processor has the instructions of [`InstructionSet::Avx2`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Avx2(());
+
+impl Avx2 {
+    /// `None` where the instructions are not in use.
+    #[inline(always)]
+    pub fn detect() -> Option<Self> {
+        (InstructionSet::in_use() >= InstructionSet::Avx2).then_some(Self(()))
+    }
+}
+
+/// One instruction on both halves.
+macro_rules! apply {
+    ($instruction:expr, $($of:ident),+) => {
+        // SAFETY: `self`, a parameter of every method, is the proof that the processor has it.
+        unsafe { [$instruction($($of[0]),+), $instruction($($of[1]),+)] }
+    };
+}
+
+impl Lanes for Avx2 {
+    type F = [__m256; 2];
+    type I = [__m256i; 2];
+    type M = [__m256; 2];
+
+    lanewise! {
+        add(a: F, b: F) -> F = _mm256_add_ps;
+        sub(a: F, b: F) -> F = _mm256_sub_ps;
+        mul(a: F, b: F) -> F = _mm256_mul_ps;
+        div(a: F, b: F) -> F = _mm256_div_ps;
+        mul_add(a: F, b: F, c: F) -> F = _mm256_fmadd_ps;
+        neg_mul_add(a: F, b: F, c: F) -> F = _mm256_fnmadd_ps;
+        sqrt(a: F) -> F = _mm256_sqrt_ps;
+        min(a: F, b: F) -> F = _mm256_min_ps;
+        max(a: F, b: F) -> F = _mm256_max_ps;
+        floor(a: F) -> F = _mm256_floor_ps;
+        to_int(a: F) -> I = _mm256_cvtps_epi32;
+        to_float(a: I) -> F = _mm256_cvtepi32_ps;
+        bits_of(a: F) -> I = _mm256_castps_si256;
+        with_bits(a: I) -> F = _mm256_castsi256_ps;
+        add_int(a: I, b: I) -> I = _mm256_add_epi32;
+        sub_int(a: I, b: I) -> I = _mm256_sub_epi32;
+        min_int(a: I, b: I) -> I = _mm256_min_epi32;
+        max_int(a: I, b: I) -> I = _mm256_max_epi32;
+        and_int(a: I, b: I) -> I = _mm256_and_si256;
+        xor_int(a: I, b: I) -> I = _mm256_xor_si256;
+        shift_left(a: I, by: I) -> I = _mm256_sllv_epi32;
+        shift_right(a: I, by: I) -> I = _mm256_srlv_epi32;
+        at_most(a: F, b: F) -> M = _mm256_cmp_ps::<_CMP_LE_OQ>;
+        and(a: M, b: M) -> M = _mm256_and_ps;
+        or(a: M, b: M) -> M = _mm256_or_ps;
+        or_zero(mask: M, a: F) -> F = _mm256_and_ps;
+    }
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> Self::F {
+        let both = [value; 2];
+        apply!(_mm256_set1_ps, both)
+    }
+    #[inline(always)]
+    fn load(self, values: &[f32; LANES]) -> Self::F {
+        let at = values.as_ptr();
+        // SAFETY: as above; two times eight values are read from a reference to sixteen.
+        unsafe { [_mm256_loadu_ps(at), _mm256_loadu_ps(at.add(8))] }
+    }
+    #[inline(always)]
+    fn store(self, values: Self::F) -> [f32; LANES] {
+        let mut out = [0.0; LANES];
+        // SAFETY: as above; two times eight values are written to an array of sixteen.
+        unsafe {
+            _mm256_storeu_ps(out.as_mut_ptr(), values[0]);
+            _mm256_storeu_ps(out.as_mut_ptr().add(8), values[1]);
+        }
+        out
+    }
+    #[inline(always)]
+    fn splat_int(self, value: i32) -> Self::I {
+        let both = [value; 2];
+        apply!(_mm256_set1_epi32, both)
+    }
+    #[inline(always)]
+    fn load_int(self, values: &[i32; LANES]) -> Self::I {
+        let at = values.as_ptr();
+        // SAFETY: as in `load`.
+        unsafe { [_mm256_loadu_si256(at.cast()), _mm256_loadu_si256(at.add(8).cast())] }
+    }
+    #[inline(always)]
+    fn store_int(self, values: Self::I) -> [i32; LANES] {
+        let mut out = [0; LANES];
+        // SAFETY: as in `store`.
+        unsafe {
+            _mm256_storeu_si256(out.as_mut_ptr().cast(), values[0]);
+            _mm256_storeu_si256(out.as_mut_ptr().add(8).cast(), values[1]);
+        }
+        out
+    }
+    #[inline(always)]
+    fn mask(self, bits: u16) -> Self::M {
+        let own = self.and_int(self.splat_int(i32::from(bits)), self.load_int(&LANE_BITS));
+        let zero = self.splat_int(0);
+        self.with_bits(apply!(_mm256_cmpgt_epi32, own, zero))
+    }
+    #[inline(always)]
+    fn mask_bits(self, mask: Self::M) -> u16 {
+        let [low, high] = apply!(_mm256_movemask_ps, mask);
+        low as u16 | (high as u16) << 8
+    }
+    #[inline(always)]
+    fn or_zero_int(self, mask: Self::M, a: Self::I) -> Self::I {
+        self.and_int(self.bits_of(mask), a)
+    }
+    #[inline(always)]
+    fn permute(self, table: Self::F, index: Self::I) -> Self::F {
+        let [low, high] = [[table[0]; 2], [table[1]; 2]];
+        let (low, high) = (apply!(_mm256_permutevar8x32_ps, low, index), apply!(_mm256_permutevar8x32_ps, high, index));
+        // Bit 3 selects the half; the blend tests the sign bit.
+        let bit_3 = self.with_bits(self.shift_left(index, self.splat_int(28)));
+        apply!(_mm256_blendv_ps, low, high, bit_3)
+    }
+    #[inline(always)]
+    fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {
+        const { assert!(N == 32 || N == 64 || N == 128) };
+        let index = self.and_int(index, self.splat_int(N as i32 - 1));
+        let at = window.as_ptr();
+        // SAFETY: as above; every index lies within the window.
+        unsafe { [_mm256_i32gather_ps::<4>(at, index[0]), _mm256_i32gather_ps::<4>(at, index[1])] }
+    }
+    #[inline(always)]
+    fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
+        assert!(!table.is_empty());
+        let (at, index) = (table.as_ptr(), limited(self, index, table.len() - 1));
+        // SAFETY: as above; every index lies within the table.
+        unsafe { [_mm256_i32gather_epi32::<4>(at, index[0]), _mm256_i32gather_epi32::<4>(at, index[1])] }
+    }
+    #[inline(always)]
+    fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
+        assert!(table.len() >= 2);
+        let (at, index) = (table.as_ptr().cast(), limited(self, index, table.len() - 2));
+        // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7, as the shuffles require.
+        let order = self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7]);
+        let index = apply!(_mm256_permutevar8x32_epi32, index, order);
+        let (low, high) = (apply!(_mm256_castsi256_si128, index), apply!(_mm256_extracti128_si256::<1>, index));
+        // SAFETY: as above; every pair lies within the table, and gathers do not require alignment.
+        let (low, high) = unsafe {
+            (
+                [_mm256_i32gather_pd::<4>(at, low[0]), _mm256_i32gather_pd::<4>(at, low[1])],
+                [_mm256_i32gather_pd::<4>(at, high[0]), _mm256_i32gather_pd::<4>(at, high[1])],
+            )
+        };
+        let (low, high) = (apply!(_mm256_castpd_ps, low), apply!(_mm256_castpd_ps, high));
+        (apply!(_mm256_shuffle_ps::<0x88>, low, high), apply!(_mm256_shuffle_ps::<0xdd>, low, high))
+    }
+}
+
+/// Bit l in lane l.
+const LANE_BITS: [i32; LANES] = {
+    let (mut bits, mut l) = ([0; LANES], 0);
+    while l < LANES {
+        bits[l] = 1 << l;
+        l += 1;
+    }
+    bits
+};
