@@ -61,7 +61,7 @@ impl BenchmarkCommand {
             outln!("Written to {}", folder.display())?;
         }
         if let Some(path) = &self.json {
-            let text = serde_json::to_string_pretty(&present::json(&rows, threads, instructions))?;
+            let text = serde_json::to_string_pretty(&present::json(&rows, threads, &instructions.to_string()))?;
             write_atomically(path, (text + "\n").as_bytes())?;
             outln!("Written to {}", path.display())?;
         }

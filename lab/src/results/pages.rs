@@ -10,7 +10,7 @@ use crate::experiments::accuracy::{
 use crate::experiments::{Benchmark, EXPERIMENTS, NoiseAlarms, Plan, Row, experiments_markdown, present};
 use a121::PRESETS;
 use radar_chaperone::settings::Settings;
-use radar_sar::backprojection::instruction_set;
+use radar_sar::InstructionSet;
 
 const SIMULATED: &str = "All from simulation: 20 dB SNR at 1 m unless a row says otherwise, default tracking errors (0.3 mm \
     jitter, 1 mm drift in each axis, 2 mm mount, 0.1° rotation).";
@@ -101,7 +101,7 @@ pub(super) fn benchmark(extent: Extent) -> Result<Page> {
 /// # Errors
 /// The plot cannot be encoded.
 pub fn benchmark_page(rows: &[Row], command: &str) -> Result<Page> {
-    let machine = format!("{} threads, {}", rayon::current_num_threads(), instruction_set());
+    let machine = format!("{} threads, {}", rayon::current_num_threads(), InstructionSet::in_use());
     let front: Vec<Row> = rows.iter().filter(|row| row.on_front).cloned().collect();
     Ok(Page::new("Run time against error", command)
         .text(

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::process::Command;
 
-use radar_sar::backprojection::instruction_set;
+use radar_sar::InstructionSet;
 
 /// Commit and machine of a measurement.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -11,7 +11,7 @@ pub struct Provenance {
     commit: String,
     processor: String,
     cores: usize,
-    instructions: &'static str,
+    instructions: InstructionSet,
 }
 
 impl Provenance {
@@ -21,7 +21,7 @@ impl Provenance {
             commit: commit(),
             processor: processor(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
-            instructions: instruction_set(),
+            instructions: InstructionSet::in_use(),
         }
     }
 }

@@ -11,12 +11,9 @@ use radar_chaperone::settings::Settings;
 use radar_sar::InstructionSet;
 
 const SCENES: [&str; 2] = ["furnished-room", "empty-room"];
-/// As `RADAR_CHAPERONE_INSTRUCTIONS` and this page name them.
-const INSTRUCTION_SETS: [(&str, &str, InstructionSet); 3] = [
-    ("avx512", "AVX-512", InstructionSet::Avx512),
-    ("avx2", "AVX2", InstructionSet::Avx2),
-    ("portable", "plain instructions", InstructionSet::Portable),
-];
+/// As `RADAR_CHAPERONE_INSTRUCTIONS` names them.
+const INSTRUCTION_SETS: [(&str, InstructionSet); 3] =
+    [("avx512", InstructionSet::Avx512), ("avx2", InstructionSet::Avx2), ("portable", InstructionSet::Portable)];
 
 pub(super) fn page(extent: Extent) -> Result<Page> {
     let duration_s = extent.choose(30.0, 2.0);
@@ -54,10 +51,8 @@ fn by_instruction_set(extent: Extent, duration_s: f64) -> Result<Table> {
     let own = std::env::current_exe().context("cannot find this program's file")?;
     let mut rows = Vec::new();
     let of_processor = InstructionSet::of_processor();
-    for (name, title, _) in
-        INSTRUCTION_SETS.into_iter().filter(|(.., set)| *set <= of_processor).take(extent.choose(3, 1))
-    {
-        let mut row = vec![title.to_owned()];
+    for (name, set) in INSTRUCTION_SETS.into_iter().filter(|(_, set)| *set <= of_processor).take(extent.choose(3, 1)) {
+        let mut row = vec![set.to_string()];
         for scene in SCENES {
             let done = Command::new(&own)
                 .env("RADAR_CHAPERONE_INSTRUCTIONS", name)
