@@ -84,8 +84,8 @@ pub(crate) trait Lanes: Copy {
     /// Sixteen values from `at` on; zeros where there are fewer.
     #[inline(always)]
     fn load_at(self, values: &[f32], at: usize) -> Self::F {
-        if let Some(sixteen) = values.get(at..at + LANES)
-            && let Some(sixteen) = sixteen.first_chunk()
+        if let Some(rest) = values.get(at..)
+            && let Some(sixteen) = rest.first_chunk()
         {
             return self.load(sixteen);
         }
