@@ -32,7 +32,7 @@ use super::tick_dequantiser::{FrameNumber, TickDequantiser};
 /// short enough that the drift of a warming crystal is a straight line.
 const WINDOW_S: f64 = 30.0;
 /// Width of an arrival bin, seconds; each bin keeps its earliest arrival. Choice: 300 bins in the
-/// window, so that an estimate takes well below a millisecond.
+/// window bound the work of an estimate.
 const BIN_S: f64 = 0.1;
 /// Usual drift between the clocks of two boards, as a fraction, 1σ. Choice: crystals of boards and
 /// hosts are specified to between 20 and 100 ppm.

@@ -12,7 +12,7 @@
 //! ticks whose measurement would end after the arrival.
 
 /// Regular steps in a row before steps off the period are rejected. Choice: a quarter of a second
-/// at 66 Hz; the period has settled to a few per cent by then.
+/// at 66 Hz; chance repeats no step so often.
 const REGULAR_STEPS: u32 = 16;
 /// Tolerance of a step, as a fraction of the period. Choice: regular frames differ by less; a
 /// damaged digit of the tick is mostly off by more.

@@ -24,8 +24,8 @@ const MAX_SHAPE: usize = 48;
 /// Greatest valid id. Choice: far below 2⁵³, up to which every JSON reader keeps integers, and out
 /// of reach of counting.
 const MAX_ID: u64 = 1 << 48;
-/// Greatest distance of a coordinate from the origin, metres. Choice: beyond any tracking frame;
-/// products of such numbers stay exact to a micrometre.
+/// Greatest distance of a coordinate from the origin, metres. Choice: beyond any tracking frame; a
+/// damaged file cannot put objects kilometres away.
 const MAX_COORDINATE_M: f64 = 1000.0;
 /// Greatest valid strength and score. Choice: 120 dB over noise, beyond what the sensor can
 /// measure.

@@ -25,8 +25,8 @@ const UNIT_M: f64 = 0.005;
 const UNITS: i32 = 4;
 const REACH_UNITS: i32 = 12;
 /// Steps and reach of the search for the best single point, from the middle of where the plane was
-/// seen, metres. Choice: the first step is about the pulse's width, the last half a voxel; a point
-/// farther away has other ranges from all sub-apertures and cannot explain the plane's echoes.
+/// seen, metres. Choice: the first step is about the pulse's width, the last about half a voxel;
+/// the reach covers the plane's usual extent in a window.
 const POINT_STEPS_M: [f64; 3] = [0.12, 0.06, 0.03];
 const POINT_REACH_M: f64 = 0.4;
 

@@ -10,7 +10,7 @@ use super::dispatch::{Kernel, on_widest};
 use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
 use super::sweep_stack::SweepStack;
 
-/// Greatest error of a distance, metres.
+/// Greatest error of a distance, metres. Choice: 1 % of the widest table step.
 const DISTANCE_ERROR_M: f64 = 5e-5;
 
 /// A brick shape accurate enough for these sums.

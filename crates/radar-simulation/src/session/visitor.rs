@@ -20,7 +20,7 @@ const CROSSING_STARTS: [f64; 2] = [0.3, 0.75];
 const SPEED_M_PER_S: (f64, f64) = (0.8, 1.2);
 const STEPS_PER_S: f64 = 0.9;
 /// Number of random candidate paths for a crossing; the clearest one is used. Choice: enough that
-/// one keeps clear of player and furniture in all rooms tried.
+/// one mostly keeps clear of player and furniture.
 const CANDIDATE_PATHS: usize = 60;
 /// Smallest distance from the player, metres. Choice: a person keeps an arm's length from a player.
 const PLAYER_CLEARANCE_M: f64 = 0.9;
