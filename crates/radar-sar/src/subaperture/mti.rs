@@ -37,7 +37,7 @@ use crate::{Beam, WAVELENGTH_M};
 /// wall returns about as much as noise; a lower edge hides slow targets.
 const BEAM_EDGE_AMPLITUDE: f64 = 0.01;
 /// Error of the sensor's speed, metres a second. Choice: twice the 15 mm/s that jitter of the
-/// smoothed path feigns.
+/// smoothed path may appear as.
 const SPEED_ERROR_M_PER_S: f64 = 0.03;
 /// Spacing of the clutter tones, and their margin beyond the interval, in units of 1/T, with T the
 /// sub-aperture's duration. Choice: closer than the resolution 1/T, so that every tone of the
