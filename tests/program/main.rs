@@ -10,6 +10,7 @@ mod bad_files;
 mod calibrate;
 #[path = "../common/mod.rs"]
 mod common;
+mod constants;
 mod faults;
 mod found;
 mod golden;

@@ -24,7 +24,8 @@ pub struct SimulatedClock {
     stalled_until_s: f64,
 }
 
-/// Transfer time of a result on the line, seconds; given to the clock under test.
+/// Transfer time of a result on the line, seconds; given to the clock under test. Choice: 300 bytes
+/// at a megabyte a second.
 pub const TRANSFER_S: f64 = 3e-4;
 
 impl SimulatedClock {

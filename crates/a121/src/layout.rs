@@ -5,7 +5,7 @@ use num_complex::Complex;
 
 use super::{ResultInfo, Setup, SetupReply};
 
-/// Bytes of a sample: i16 real, i16 imaginary, little-endian.
+/// Bytes of a sample, a protocol's point: i16 real, i16 imaginary, little-endian.
 const SAMPLE_BYTES: usize = 4;
 
 /// Layout of the results of one set-up.

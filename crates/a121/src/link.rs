@@ -8,17 +8,18 @@
 
 use super::{SensorConfig, frame_timing};
 
-/// Size of the JSON line before each payload, bytes, for one sensor.
+/// Size of the JSON line before each payload, bytes, for one sensor. Source: the protocol's result
+/// line with its five fields.
 const HEADER_BYTES: f64 = 170.0;
 /// Bytes per point.
 const POINT_BYTES: f64 = 4.0;
-/// Bits per byte on a UART: start, eight, stop.
+/// Bits per byte on a UART. Source: 8N1 is a start bit, eight data bits and a stop bit.
 const UART_BITS: f64 = 10.0;
-/// Bulk throughput of full-speed USB, bytes per second: about 1.2 MB/s in theory; this value is
-/// what to expect in practice.
+/// Bulk throughput of full-speed USB, bytes per second. Choice: of 1.2 MB/s in theory (19 packets
+/// of 64 bytes a millisecond) what remains beside the protocol and other devices.
 const USB_BYTES_PER_S: f64 = 1.0e6;
-/// Throughput of the slowest network of a Raspberry Pi, bytes per second: about nine tenths of 100
-/// Mbit/s.
+/// Throughput of the slowest network of a Raspberry Pi, bytes per second. Physics: about nine
+/// tenths of 100 Mbit/s, the rest are frames' headers and gaps.
 const NETWORK_BYTES_PER_S: f64 = 11.0e6;
 
 /// Type and speed of a link.

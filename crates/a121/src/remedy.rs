@@ -3,7 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Limit of the number of processes examined. Choice.
+/// Limit of the number of processes examined. Choice: bounds the time of an error message; a
+/// desktop runs some hundreds.
 const MAX_PROCESSES: usize = 65_536;
 
 /// How this user can get access to a port.

@@ -40,20 +40,21 @@ use plan::Plan;
 use retries::Retries;
 use state::{Request, STOP_HINT, StaleStop, State};
 
-/// Highest number of sensors of a board.
+/// Highest number of sensors of a board. Source: the ports of an XC120 with XE121.
 pub const MAX_SENSORS: u32 = 5;
-/// Baud rate at the start of every session.
+/// Baud rate at the start of every session. Source: the exploration protocol.
 pub const FIRST_BAUD: u32 = 115_200;
 
 const S: i64 = 1_000_000_000;
-/// Wait after requesting a break, nanoseconds: 0.25 s for the break itself, and 1 s that the server
-/// needs afterwards.
+/// Wait after requesting a break, nanoseconds. Source: 0.25 s for the break itself, and 1 s of
+/// quiet, as in the vendor's client.
 const BREAK_NS: i64 = S + S / 4;
-/// Timeout for a reply, nanoseconds. Choice.
+/// Timeout for a reply, nanoseconds. Source: the vendor's client.
 const ANSWER_NS: i64 = 2 * S;
-/// Additional timeout for stopping, nanoseconds. Choice.
+/// Additional timeout for stopping, nanoseconds. Source: the vendor's client.
 const STOP_EXTRA_NS: i64 = S;
-/// Approximate size of a result's line, bytes; with the payload it gives the transfer time.
+/// Approximate size of a result's line, bytes; with the payload it gives the transfer time. Source:
+/// the protocol's result line with its five fields.
 const LINE_BYTES: f64 = 170.0;
 
 /// A session with one board. See the file's head.

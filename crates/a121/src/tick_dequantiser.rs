@@ -12,17 +12,22 @@ use std::collections::VecDeque;
 
 use super::concave::maximise_concave;
 
-/// Length of the fit, seconds. Choice.
+/// Length of the fit, seconds. Choice: the clock's window.
 const FIT_SPAN_S: f64 = 30.0;
-/// Width of a bin, seconds; each bin keeps its lowest and highest frame. Choice.
+/// Width of a bin, seconds; each bin keeps its lowest and highest frame. Choice: the clock's bin;
+/// 600 bounds at most.
 const BIN_S: f64 = 0.1;
-/// Number of initial frames that each get their own bin. Choice.
+/// Number of initial frames that each get their own bin. Choice: the period is not known at first,
+/// and each of these frames narrows it.
 const FIRST_FRAMES: u32 = 16;
-/// Tolerance of the configured period, as a fraction. Choice.
+/// Tolerance of the configured period, as a fraction. Choice: a board rounds the period to its
+/// ticks; of 1 ms, that is 5 % at 100 Hz.
 const PERIOD_TOLERANCE: f64 = 0.05;
-/// Change of the period allowed between fits, as a fraction. Choice: temperature.
+/// Change of the period allowed between fits, as a fraction. Choice: 6 ppm a minute, as a crystal
+/// drifts while its board warms up.
 const PERIOD_DRIFT_PER_BIN: f64 = 1e-8;
-/// A frame farther from the line than this starts a new fit, ticks. Choice.
+/// A frame farther from the line than this starts a new fit, ticks. Choice: less than a tick off is
+/// jitter of the interrupt, more is a late frame or a gap.
 const RESTART_OFFSET_TICKS: f64 = 0.75;
 
 /// Number of a frame, counted in periods, within a run of regular frames.

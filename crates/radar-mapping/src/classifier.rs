@@ -96,8 +96,9 @@ pub struct ScoredCandidate {
     pub may_be_new: bool,
 }
 
-/// Most log odds that the history may add or subtract (choice): an object can be put where nothing
-/// was.
+/// Most log odds that the history may add or subtract. An object can be put where nothing was.
+/// Choice: the history is evidence and no veto, because an object can be put where nothing was; 16
+/// misses alone sum to −11.
 const MAX_HISTORY_LOG_ODDS: f64 = 10.0;
 
 /// The [`FEATURES`] of a detection.
@@ -138,10 +139,13 @@ pub(super) fn log_odds(features: &[f64; FEATURES.len()]) -> f64 {
     Model::embedded().log_odds(features)
 }
 
-/// Log odds given to a detection that stands out (choice).
+/// Log odds given to a detection that stands out. Choice: that of
+/// `ExistenceSettings::confirm_log_odds`, so that a track confirmed by it begins with enough
+/// existence.
 const CERTAIN_LOG_ODDS: f64 = 3.0;
 /// A detection that stands out has such a score, such a robust score and such a 1σ, in metres.
-/// Nothing that was detected where nothing is reached these (measured in 150 minutes of play).
+/// Measured: in 150 minutes of play (`lab play`) nothing that was detected where nothing is reached
+/// these.
 const CERTAIN_MIN_SCORE: f64 = 15.0;
 const CERTAIN_MIN_ROBUST_SCORE: f64 = 9.0;
 const CERTAIN_MAX_SIGMA_M: f64 = 0.05;

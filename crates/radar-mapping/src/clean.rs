@@ -501,15 +501,17 @@ fn range_and_direction(block: &Subaperture, place: DVec3) -> (f64, DVec3, f64) {
     (range_m, toward, toward.dot(block.motion))
 }
 
-/// Points with at least this score are moved uphill before they mask (choice). `CLIMB_REACH_M` is
-/// the greatest displacement, metres.
+/// Points with at least this score are moved uphill before they mask. `CLIMB_REACH_M` is the
+/// greatest displacement, metres. Choice: weaker points mask little, and each climb queries dozens
+/// of points; farther away than two voxels is another maximum.
 const CLIMB_FROM_SCORE: f64 = 5.0;
-/// First step of the hill climb in units of `CLIMB_UNIT`, which is in voxels (choice). The last
-/// step is one unit.
+/// First step of the hill climb in units of `CLIMB_UNIT`, which is in voxels. The last step is one
+/// unit. Choice: from a voxel of 5 cm down to 1 cm, the fine field's voxel.
 const CLIMB_UNITS: i32 = 4;
 const CLIMB_UNIT: f64 = 0.2;
 const CLIMB_REACH_M: f64 = 0.12;
-/// Points closer than this are the same object and so not ambiguous, metres (choice).
+/// Points closer than this are the same object and so not ambiguous, metres. Choice: twice the
+/// pulse's width; parts of one object live on the same echoes.
 const MIN_AMBIGUITY_DISTANCE_M: f64 = 0.3;
 
 #[cfg(test)]

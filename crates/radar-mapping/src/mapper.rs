@@ -17,7 +17,8 @@ use super::{
     RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
 };
 
-/// Interval of the recorded sensor path, nanoseconds. Choice.
+/// Interval of the recorded sensor path, nanoseconds. Choice: a head at 1 m/s moves 2 cm, and an
+/// hour takes 180 000 poses.
 const PATH_STEP_NS: i64 = 20_000_000;
 
 /// All counters of the mapper.

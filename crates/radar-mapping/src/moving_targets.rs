@@ -125,6 +125,7 @@ impl MovingTarget {
 
     /// The level arc that it lies on, from left to right, tracking frame, metres.
     pub fn arc_m(&self) -> impl Iterator<Item = DVec3> {
+        /// Choice: the line stays within a centimetre of the arc at 3 m.
         const STEPS: i32 = 16;
         let step_rad = self.half_width_rad() / f64::from(STEPS / 2);
         (-STEPS / 2..=STEPS / 2).map(move |n| self.place_m(f64::from(n) * step_rad, 0.0))
@@ -147,16 +148,18 @@ impl MovingTarget {
     }
 }
 
-/// A target that approaches or recedes slower than this is labelled as passing, metres a second
-/// (choice).
+/// A target that approaches or recedes slower than this is labelled as passing, metres a second.
+/// Choice: half of the speed's 1σ per echo; slower, the label's one decimal is noise.
 const MIN_RADIAL_SPEED_M_PER_S: f64 = 0.15;
 /// A track nearer than another by less than the first of these, or farther by less than the second,
-/// belongs to the same body, metres (choice): feet are farther than a chest.
+/// belongs to the same body, metres. Choice: feet are farther than a chest.
 const BODY_NEARER_M: f64 = 0.35;
 const BODY_FARTHER_M: f64 = 0.7;
-/// Most tracks (choice). Further ones are not started.
+/// Most tracks. Further ones are not started. Choice: an echo begins up to five tracks, one for
+/// each speed that it may have; three people and some false echoes fit.
 const MAX_TRACKS: usize = 24;
-/// A longer pause between sub-apertures ends all tracks, seconds (choice).
+/// A longer pause between sub-apertures ends all tracks, seconds. Choice: the default
+/// `drop_after_s`, after which tracks end anyway.
 const MAX_PAUSE_S: f64 = 1.0;
 
 /// Tracks moving targets.

@@ -19,14 +19,15 @@ use radar_sar::geometry::Pose;
 use radar_sar::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
 use radar_sar::{Observation, SweepGeometry};
 
-/// Most frames that wait for poses (choice): half a second of the fastest ones.
+/// Most frames that wait for poses. Choice: half a second of the fastest ones.
 const MAX_WAITING_FRAMES: usize = 256;
-/// Time step of the sensor's path, nanoseconds (choice).
+/// Time step of the sensor's path, nanoseconds. Choice: between steps the path is off by a·t²/8,
+/// 0.03 mm at 10 m/s², far below λ/4.
 const PATH_STEP_NS: i64 = 5_000_000;
-/// The path is not computed across longer pauses, nanoseconds (choice); poses are not joined across
-/// them either.
+/// The path is not computed across longer pauses, nanoseconds; poses are not joined across them
+/// either. Choice: a leap in time costs at most 400 steps of the path.
 const MAX_PATH_PAUSE_NS: i64 = 2_000_000_000;
-/// Most poses kept (choice): 14 minutes at 120 Hz.
+/// Most poses kept. Choice: 14 minutes at 120 Hz.
 const MAX_POSES: usize = 100_000;
 
 /// How the streams are joined.

@@ -6,7 +6,8 @@ use radar_sar::geometry::{Aabb, Pose};
 
 use super::{Evidence, MappingSettings, Obstacle, cube_ahead, find_reflectors, reflector_evidence};
 
-/// Largest number of observations kept; beyond, every second sweep is dropped. Choice.
+/// Largest number of observations kept; beyond, every second sweep is dropped. Choice: 2.7 minutes
+/// at 120 sweeps/s; with 300 points a sweep it takes 50 MB.
 const MAX_OBSERVATIONS: usize = 20_000;
 
 /// Observations of single reflectors.

@@ -14,17 +14,21 @@ use serde::{Deserialize, Serialize};
 use super::existence::AZIMUTH_SECTORS;
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// Most points and walls that are restored (choice).
+/// Most points and walls that are restored. Choice: many times what a room holds (a furnished one
+/// has some dozens), and a file of bounded size.
 const MAX_PLACES: usize = 2000;
 const MAX_WALLS: usize = 200;
-/// Most cells of a point's shape (choice): the strongest ones, as many as leave a full map small
+/// Most cells of a point's shape. Choice: the strongest ones, as many as leave a full map small
 /// enough for its file.
 const MAX_SHAPE: usize = 48;
-/// Greatest valid id (choice).
+/// Greatest valid id. Choice: far below 2⁵³, up to which every JSON reader keeps integers, and out
+/// of reach of counting.
 const MAX_ID: u64 = 1 << 48;
-/// Greatest distance of a coordinate from the origin, metres (choice).
+/// Greatest distance of a coordinate from the origin, metres. Choice: beyond any tracking frame; a
+/// damaged file cannot put objects kilometres away.
 const MAX_COORDINATE_M: f64 = 1000.0;
-/// Greatest valid strength and score (choice).
+/// Greatest valid strength and score. Choice: 120 dB over noise, beyond what the sensor can
+/// measure.
 const MAX_STRENGTH: f64 = 1e12;
 
 /// Why a map is refused.

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{DEFAULT_CUBE_M, ReflectorSettings, RoomMapperSettings};
 
-/// Voxels of the search for single reflectors, at most: 3 m cubed at 15 mm, or 12 m cubed at 60 mm. A choice: a second's work.
+/// Voxels of the search for single reflectors, at most: 3 m cubed at 15 mm, or 12 m cubed at 60 mm.
+/// Choice: a second's work.
 const MAX_VOXELS: f64 = 8e6;
 
 /// Settings that cannot be used.

@@ -5,11 +5,11 @@
 //! itself is dropped, and nothing else. The first time stamp of a stream has nothing to be compared
 //! with. When the next two follow each other far before it, the first was wrong and is revoked.
 
-/// A time stamp farther ahead than this is a jump, nanoseconds (choice): longer than a stream
-/// pauses without a reason, and short enough that a smaller error passes by itself.
+/// A time stamp farther ahead than this is a jump, nanoseconds. Choice: longer than a stream pauses
+/// without a reason, and short enough that a smaller error passes by itself.
 const MAX_STEP_NS: i64 = 1_000_000_000;
-/// Streams slower than that are recognised by two equal steps, up to this one, nanoseconds
-/// (choice).
+/// Streams slower than that are recognised by two equal steps, up to this one, nanoseconds. Choice:
+/// a frame rate of 0.1 Hz, below any use.
 const SLOWEST_STEP_NS: i64 = 10_000_000_000;
 
 /// What to do with a sample, by its time stamp.

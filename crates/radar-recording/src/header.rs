@@ -11,7 +11,7 @@ use a121::SensorConfig;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::Truth;
 
-/// Format version that is written; all versions up to it are read.
+/// Version of the format that is written; all versions up to it are read.
 pub const FORMAT_VERSION: u32 = 1;
 /// Name of the metadata record with the header.
 pub(super) const HEADER_RECORD: &str = "radar_chaperone";

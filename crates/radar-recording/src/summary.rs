@@ -11,7 +11,8 @@ use radar_mapping::range_axis;
 use radar_sar::geometry::Pose;
 use radar_sar::{HistorySettings, PoseSample};
 
-/// An interval longer than this many median intervals is a gap. Choice.
+/// An interval longer than this many median intervals is a gap. Choice: one missing entry and late
+/// neighbours are no gap, two missing ones are.
 const GAP_FACTOR: f64 = 2.5;
 
 /// Summary of a recording.

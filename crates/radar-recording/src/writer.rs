@@ -25,9 +25,10 @@ use a121::Frame;
 use radar_mapping::HandsSample;
 use radar_sar::PoseSample;
 
-/// Longest duration of a chunk, nanoseconds. Choice.
+/// Longest duration of a chunk, nanoseconds. Choice: what a crash or power failure costs at most.
 const CHUNK_NS: i64 = 1_000_000_000;
-/// A chunk ends when it holds this many bytes. Choice.
+/// A chunk ends when it holds this many bytes. Choice: chunks much smaller compress worse, and a
+/// reader that seeks unpacks a whole one.
 const CHUNK_BYTES: usize = 1 << 20;
 /// Library name in the file; constant, so that the bytes depend only on the input.
 const LIBRARY: &str = "radar-chaperone";

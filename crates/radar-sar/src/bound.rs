@@ -68,7 +68,8 @@ pub fn cramer_rao_bound(sights: &[BoundSight], poses_m2: impl Fn(f64) -> f64, mo
     (bound.is_finite() && largest_m2 <= MAX_VARIANCE_M2).then_some(bound)
 }
 
-/// Largest variance of a meaningful position in a room.
+/// Largest variance of a meaningful position in a room, 1σ of 100 m. Choice: beyond, the matrix is
+/// singular but for rounding.
 const MAX_VARIANCE_M2: f64 = 1e4;
 
 /// Cholesky factor, in place, of a symmetric matrix's lower half; `None` when it is not positive

@@ -17,7 +17,7 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::Observation;
 use crate::math;
 
-/// Euler's constant: a Gumbel distribution's mean minus its mode, in units of its scale.
+/// Physics: Euler's constant, a Gumbel distribution's mean minus its mode, in units of its scale.
 const EULER: f64 = 0.577_215_664_901_532_9;
 
 /// Sweeps of receiver noise alone, complex rms `rms_lsb`, with the same poses and times.

@@ -136,9 +136,9 @@ pub use symmetric::eigen;
 pub use time_offset::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 pub use volume::Volume;
 
-/// Carrier frequency, Hz.
+/// Carrier frequency, Hz. Source: A121 data sheet.
 pub const CARRIER_HZ: f64 = 60.5e9;
-/// Speed of light, m/s.
+/// Speed of light, m/s. Physics: exact by the definition of the metre.
 pub const SPEED_OF_LIGHT_M_PER_S: f64 = 299_792_458.0;
 /// Wavelength, metres. Phase turns once for half of it in range, and grows with range (+4πr/λ, measured).
 pub const WAVELENGTH_M: f64 = SPEED_OF_LIGHT_M_PER_S / CARRIER_HZ;

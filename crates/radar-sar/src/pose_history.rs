@@ -41,7 +41,8 @@ impl Default for HistorySettings {
     }
 }
 
-/// Least time to wait for poses after a sweep, where `max_ahead_s` allows it, seconds (choice).
+/// Least time to wait for poses after a sweep, where `max_ahead_s` allows it, seconds. Choice: two
+/// poses at 120 Hz, between which a sweep is interpolated.
 const MIN_WAIT_S: f64 = 0.02;
 
 impl HistorySettings {

@@ -182,7 +182,8 @@ fn echo_free_noise_rms(observation: &Observation) -> f64 {
     if 2 * quiet.len() >= samples.len() { sweep_noise_rms(&quiet) } else { plain }
 }
 
-/// Power over noise that noise exceeds in one of 10 000 points.
+/// Power over noise that noise exceeds in one of 10 000 points. Physics: the power of complex
+/// Gaussian noise is exponential, and e⁻⁹·² = 10⁻⁴.
 const ECHO_POWER: f64 = 9.2;
 
 #[cfg(test)]

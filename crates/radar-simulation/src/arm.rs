@@ -10,15 +10,19 @@ use super::smooth::smoothstep;
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
-/// Length of the arm, metres.
+/// Length of the arm, metres. Source: thesis, 3.6.
 pub const ARM_M: f64 = 0.30;
-/// Amplitude of the swing to either side, rad. Choice.
+/// Amplitude of the swing to either side, rad. Choice: the sensor passes over a third of a circle,
+/// and a reflector ahead stays in its beam.
 const SWING_RAD: f64 = std::f64::consts::FRAC_PI_3;
-/// Period of a swing, seconds. Choice.
+/// Period of a swing, seconds. Choice: a peak speed of about 0.5 m/s, which every preset's sweep
+/// rate follows.
 const SWING_S: f64 = 4.0;
-/// Sharpness of the turning points: 1 is abrupt, lower is softer. Choice.
+/// Sharpness of the turning points: 1 is abrupt, lower is softer. Choice: near to the constant
+/// speed of a stepper motor, without the infinite acceleration of 1.
 const SHARPNESS: f64 = 0.95;
-/// Time at rest before the swing, and time to fade it in, seconds. Choice.
+/// Time at rest before the swing, and time to fade it in, seconds. Choice: inertial reckoning
+/// estimates its biases at rest; a jump would shake the simulated IMU.
 pub const ARM_REST_S: f64 = 2.0;
 const FADE_IN_S: f64 = 0.5;
 
@@ -33,7 +37,7 @@ pub(super) fn swinging_arm(time_s: f64) -> Pose {
 }
 
 /// Raster: number of rows, their length and spacing, metres; time per row and per change of row,
-/// seconds. Choice.
+/// seconds. Choice: a plane of 0.5 m by 0.5 m in eleven seconds; closer rows take longer.
 const ROWS: usize = 9;
 const ROW_M: f64 = 0.5;
 const ROW_SPACING_M: f64 = 0.0625;

@@ -23,9 +23,10 @@ pub(super) struct ChairRcs {
     back: f64,
 }
 
-/// Metal legs, wooden seat and back. Choice.
+/// Metal legs, wooden seat and back. Choice: no measurement of chairs at 60 GHz was found; rooms
+/// also have [`PLASTIC_CHAIR`], so that results do not hang on it.
 pub(super) const METAL_CHAIR: ChairRcs = ChairRcs { legs: -18.0, seat: -24.0, back: -22.0 };
-/// Plastic and fabric, about 8 dB less. Choice.
+/// Plastic and fabric, about 8 dB less. Choice: the weakest that should still be found.
 pub(super) const PLASTIC_CHAIR: ChairRcs = ChairRcs { legs: -26.0, seat: -30.0, back: -28.0 };
 
 /// Random numbers of a room.

@@ -114,7 +114,8 @@ enum Shape {
     },
 }
 
-/// Length of the approach, metres. Choice.
+/// Length of the approach, metres. Choice: an arm's stroke, which at the thesis' 2.5 m/s still
+/// lasts a quarter of a second.
 const APPROACH_M: f64 = 0.6;
 
 impl Shape {
@@ -180,11 +181,14 @@ struct Stance {
     pitch_rad: f64,
 }
 
-/// Half the size of the play area, metres. Choice.
+/// Half the size of the play area, metres. Choice: a small play area, as in most homes, with
+/// furniture around it.
 const PLAY_HALF_M: f64 = 0.8;
-/// A player looks in the direction of a step longer than this, metres. Choice.
+/// A player looks in the direction of a step longer than this, metres. Choice: shorter ones only
+/// shift the weight.
 const LOOK_AHEAD_STEP_M: f64 = 0.25;
-/// Smallest distance to furniture, metres. Choice.
+/// Smallest distance to furniture, metres. Choice: half a body's width and a hand's breadth, so
+/// that the player passes close to furniture and not through it.
 const CLEARANCE_M: f64 = 0.4;
 
 impl NaturalMotion {

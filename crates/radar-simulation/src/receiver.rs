@@ -12,7 +12,8 @@ use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_sar::{Beam, CARRIER_HZ, RangeAxis, SPEED_OF_LIGHT_M_PER_S};
 
-/// Echoes below this fraction of the noise are omitted (−40 dB). Choice.
+/// Echoes below this fraction of the noise are omitted (−40 dB). Choice: a hundred such echoes in
+/// phase would still be no more than the noise.
 const MIN_ECHO_TO_NOISE: f64 = 0.01;
 
 /// A subsweep's receiver in a room.

@@ -14,9 +14,11 @@ use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::Truth;
 
-/// Host time of the start of simulated recordings, nanoseconds.
+/// Host time of the start of simulated recordings, nanoseconds. Choice: not 0, so that poses before
+/// the first sweep have positive times.
 const START_NS: i64 = 1_000_000_000;
-/// Poses start before the first sweep and end after the last one by this time, seconds. Choice.
+/// Poses start before the first sweep and end after the last one by this time, seconds. Choice: the
+/// smoothing of the poses and a simulated time offset of 0.1 s need poses on both sides.
 pub(super) const POSE_MARGIN_S: f64 = 0.2;
 
 /// Scenario to simulate.

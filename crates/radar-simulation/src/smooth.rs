@@ -22,7 +22,8 @@ pub struct Wander {
     scale: f64,
 }
 
-/// Time to fade the motion in, seconds. Choice.
+/// Time to fade the motion in, seconds. Choice: the greatest acceleration is 5.8/T² of the offset,
+/// 4 m/s² for 0.25 m, which a head reaches.
 const FADE_IN_S: f64 = 0.6;
 
 impl Wander {

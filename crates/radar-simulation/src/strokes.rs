@@ -66,19 +66,24 @@ pub struct ChairWalk {
     weave: Wander,
 }
 
-/// Height of the eyes, metres. Choice.
+/// Height of the eyes, metres. Choice: a standing adult's.
 const EYES_M: f64 = 1.6;
-/// Farthest and nearest horizontal distance from the nearest part of the chair, metres. Choice.
+/// Farthest and nearest horizontal distance from the nearest part of the chair, metres. Choice:
+/// from beyond the distance at which warnings begin to that of their full brightness.
 const FAR_M: f64 = 2.0;
 const NEAR_M: f64 = 0.4;
-/// Seconds: rest before, approach, rest at the chair, return, rest after. Choice.
+/// Seconds: rest before, approach, rest at the chair, return, rest after. Choice: a walk of 1.6 m
+/// in 4 s, with rests in which warnings settle and fade.
 const WALK_S: [f64; 5] = [2.0, 4.0, 3.0, 4.0, 1.0];
-/// Steepest downward view, rad. Choice.
+/// Steepest downward view, rad. Choice: 49°, as far as one bends the neck to look at a chair's
+/// seat.
 const MAX_PITCH_RAD: f64 = 0.85;
-/// Lateral deviation of a walking or standing person, and other deviations, metres. Choice.
+/// Lateral deviation of a walking or standing person, and other deviations, metres. Choice: a
+/// walking person's weaving; straight motion would leave the direction open.
 const WEAVE_M: f64 = 0.07;
 const SWAY_M: f64 = 0.02;
-/// Wanted distance from walls and other objects, metres. Choice.
+/// Wanted distance from walls and other objects, metres. Choice: a body's half width and a hand's
+/// breadth.
 const CLEARANCE_M: f64 = 0.45;
 
 impl ChairWalk {
@@ -144,9 +149,10 @@ pub struct ToAndFro {
     lateral: Wander,
 }
 
-/// Number of strokes before they repeat. Choice.
+/// Number of strokes before they repeat. Choice: about half a minute without repetition.
 const STROKES: usize = 24;
-/// Lateral deviation of a careful hand, metres. Choice.
+/// Lateral deviation of a careful hand, metres. Choice: no hand moves on a straight line; half a
+/// centimetre leaves the direction open.
 const LATERAL_M: f64 = 0.005;
 
 impl ToAndFro {

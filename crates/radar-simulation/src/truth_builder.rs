@@ -7,11 +7,12 @@ use radar_sar::geometry::Pose;
 use radar_sar::truth::{Truth, TruthObstacle, TruthWall};
 
 /// An object is in the beam if its two-way amplitude is at least this, and its distance at most
-/// [`IN_BEAM_M`], metres. Choice.
+/// [`IN_BEAM_M`], metres. Choice: the defaults of `subapertures.min_amplitude` and
+/// `subapertures.max_range_m`, within which the reconstruction looks.
 pub(super) const IN_BEAM_AMPLITUDE: f64 = 0.25;
 pub(super) const IN_BEAM_M: f64 = 2.3;
 
-/// Time step along the path, seconds. Choice.
+/// Time step along the path, seconds. Choice: a head at 1 m/s moves 2 cm.
 const STEP_S: f64 = 0.02;
 
 /// Data of a recording that its truth depends on.

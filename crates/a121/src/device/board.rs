@@ -72,10 +72,11 @@ impl Board {
     }
 }
 
-/// Largest drift of a board's crystal against the host's clock, as a fraction. Choice.
+/// Largest drift of a board's crystal against the host's clock, as a fraction. Choice: two crystals
+/// of 30 ppm.
 const MAX_DRIFT: f64 = 60e-6;
 /// Additional drift while the board is cold, as a fraction, and the time constant of warming up,
-/// seconds. Choice.
+/// seconds. Choice: a crystal's few parts per million over some ten degrees, within a minute.
 const WARM_UP_DRIFT: f64 = 5e-6;
 const WARM_UP_S: f64 = 60.0;
 

@@ -141,7 +141,8 @@ pub(super) enum EndpointEvent {
     Bytes(Vec<u8>),
 }
 
-/// Polling interval while no client has the pseudo-terminal open, nanoseconds. Choice.
+/// Polling interval while no client has the pseudo-terminal open, nanoseconds. Choice: a hundred
+/// polls a second take no measurable time, and a client notices no delay.
 const POLL_NS: i64 = 10_000_000;
 
 impl Endpoint {

@@ -106,7 +106,8 @@ pub struct FaultPlan {
     pub at_bytes: BTreeMap<u64, Fault>,
 }
 
-/// Highest rate of one kind, per minute. Choice.
+/// Highest rate of one kind, per minute. Choice: one for each frame at 100 Hz, beyond which no
+/// session gets a result.
 pub const MAX_FAULTS_PER_MINUTE: f64 = 6000.0;
 
 /// An invalid plan.

@@ -5,9 +5,10 @@ use std::collections::VecDeque;
 
 use super::Fault;
 
-/// Longest piece, as time on the line, nanoseconds: what a USB converter passes on at a time.
+/// Longest piece, as time on the line, nanoseconds. Physics: full-speed USB passes bytes on once a
+/// millisecond.
 const PIECE_NS: i64 = 1_000_000;
-/// Bits per byte on a UART: start, eight, stop.
+/// Bits per byte on a UART. Source: 8N1 is a start bit, eight data bits and a stop bit.
 const BITS_A_BYTE: i64 = 10;
 
 /// What happens when a transmission has left the board.

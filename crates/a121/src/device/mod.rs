@@ -51,21 +51,25 @@ use sensors::{Request, Sensors};
 use stream::{Measured, Stream};
 use transmitter::Transmitter;
 
-/// Baud rate after a break.
+/// Baud rate after a break. Source: the exploration protocol.
 const FIRST_BAUD: u32 = 115_200;
-/// Longest command, bytes. Choice.
+/// Longest command, bytes. Choice: a set-up of five sensors with calibrations takes some kilobytes;
+/// it bounds memory when a line's end is lost.
 const MAX_COMMAND_BYTES: usize = 64 << 10;
 /// Time for a reply, for calibrating a sensor, and from power-on until the board listens,
-/// nanoseconds. Choice.
+/// nanoseconds. Choice: below the session's timeouts by an order of magnitude; real boards were not
+/// measured.
 const ANSWER_NS: i64 = 2_000_000;
 const CALIBRATING_NS: i64 = 200_000_000;
 const BOOT_NS: i64 = 300_000_000;
 /// Shortest time from the end of a measurement until its result is sent, nanoseconds: readout and
-/// formatting. Choice.
+/// formatting. Choice: a third of what a free-running XC120 leaves between frames.
 pub const READING_NS: i64 = 300_000;
-/// Mean of the additional time for that, nanoseconds. Choice.
+/// Mean of the additional time for that, nanoseconds. Choice: no board was measured; it is the part
+/// of a delay that the session cannot know.
 const READING_JITTER_NS: f64 = 50_000.0;
-/// Pauses between log lines while streaming, seconds. Choice.
+/// Pauses between log lines while streaming, seconds. Choice: often enough that every trial meets a
+/// log line between results.
 const LOG_PAUSE_S: (f64, f64) = (1.0, 10.0);
 
 /// State of the board.

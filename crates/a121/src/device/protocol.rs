@@ -41,9 +41,9 @@ pub(super) struct BoardSetup {
     pub calibrated: bool,
 }
 
-/// Size of a calibration, bytes. Choice.
+/// Size of a calibration, bytes. Choice: sessions must not depend on it.
 const CALIBRATION_BYTES: usize = 192;
-/// Chip temperature at calibration, °C. Choice.
+/// Chip temperature at calibration, °C. Choice: a chip a little above room temperature.
 const CALIBRATION_TEMPERATURE: i32 = 31;
 
 pub(super) fn error(message: &str) -> Value {

@@ -9,7 +9,8 @@ use super::protocol::BoardSetup;
 use super::stream::Measured;
 use super::{FrameRequest, SampleSource, SentInfo};
 
-/// Largest interrupt latency, nanoseconds. Choice.
+/// Largest interrupt latency, nanoseconds. Choice: some microseconds of an interrupt on a
+/// microcontroller; visible in ticks of 1 µs.
 const LATENCY_NS: i64 = 8_000;
 
 /// A result to measure.

@@ -6,7 +6,7 @@ use super::protocol::{BoardSetup, SensorEntry};
 use crate::frame_timing;
 
 /// Time between the end of a measurement and the start of the next one or its readout, seconds.
-/// Measured on a free-running XC120.
+/// Measured: the ticks of a free-running XC120 in the vendor's recordings.
 const READ_S: f64 = 0.88e-3;
 
 /// Timing of a result, seconds.

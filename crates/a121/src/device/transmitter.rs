@@ -3,9 +3,11 @@
 use super::line::{AfterSent, Line, Transmission};
 use super::outgoing::Outgoing;
 
-/// Results that a board can hold. Choice.
+/// Results that a board can hold. Choice: one being sent and one measured, as with double
+/// buffering.
 pub(super) const KEPT_RESULTS: usize = 2;
-/// Duration of the burst fault and interval of its bursts, nanoseconds. Choice.
+/// Duration of the burst fault and interval of its bursts, nanoseconds. Choice: a host that reads
+/// 30 times a second, for long enough that the clock has to cope.
 const BURST_NS: (i64, i64) = (1_000_000_000, 30_000_000);
 
 /// Sends messages. See the file's head.

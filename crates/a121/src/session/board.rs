@@ -5,7 +5,8 @@ use super::event::Link;
 use super::plan::Plan;
 use crate::{Prf, SessionError, SystemInfo, Version};
 
-/// Limit of differing replies to the first command before the session restarts. Choice.
+/// Limit of differing replies to the first command before the session restarts. Choice: a line that
+/// damages five of six replies carries no results either.
 pub(super) const MAX_ANSWERS: usize = 6;
 
 /// Versions up to this one are not supported.

@@ -3,7 +3,9 @@
 use crate::{Calibration, Version};
 
 const REUSE_SINCE: Version = Version::development(0, 4, 3, 280);
-/// A calibration request sooner than this after the last one is ignored, nanoseconds. Choice.
+/// A calibration request sooner than this after the last one is ignored, nanoseconds. Choice: a new
+/// calibration needs a new set-up, an interruption of some tenths of a second; a sensor that asks
+/// again at once is faulty.
 const RECALIBRATE_NS: i64 = 10_000_000_000;
 
 /// The calibrations of the sensors, and when they were last made anew.

@@ -3,7 +3,8 @@
 use crate::{Parser, Received, ResultLayout, StreamCounters};
 
 /// A line without bytes for this long has ended a payload, nanoseconds. Serial lines need longer,
-/// because converters pass bytes on in pieces, one per millisecond. Choice.
+/// because converters pass bytes on in pieces, one per millisecond. Choice: USB and networks
+/// deliver a message's packets closer together, and two pieces are awaited; a result waits for it.
 pub(super) const QUIET_NS: i64 = 300_000;
 const QUIET_SERIAL_NS: i64 = 2_000_000;
 

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use super::event::{Action, Event};
 
-/// Limit of unread events. Choice.
+/// Limit of unread events. Choice: several seconds of the fastest frames; more would be stale, and
+/// take memory without bound.
 pub(super) const MAX_EVENTS: usize = 4096;
 
 /// Queues from the session to its caller.

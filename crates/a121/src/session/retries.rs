@@ -2,7 +2,8 @@
 
 use crate::SessionError;
 
-/// First and longest pause before a retry, nanoseconds. Choice.
+/// First and longest pause before a retry, nanoseconds. Choice: a board boots in less than a
+/// second; a port that stays away is tried often enough that plugging in seems immediate.
 const PAUSE_NS: (i64, i64) = (500_000_000, 8_000_000_000);
 
 /// Attempts since the last frame.

@@ -26,7 +26,8 @@ const TOO_SMALL: u32 = sys::EVRApplicationError_VRApplicationError_BufferTooSmal
 const NOT_SET: u32 = sys::EVRApplicationError_VRApplicationError_PropertyNotSet;
 const NO_PROPERTY: u32 = sys::EVRApplicationError_VRApplicationError_UnknownProperty;
 const NO_CONTACT: u32 = sys::EVRApplicationError_VRApplicationError_IPCFailed;
-/// Limit of a manifest's size, bytes.
+/// Limit of a manifest's size, bytes. Choice: manifests have some kilobytes; anything larger is
+/// another file.
 const MAX_MANIFEST_BYTES: u64 = 1 << 20;
 
 /// A stored application.

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use crate::sys;
 
-/// Limit of the queue; the oldest events are dropped.
+/// Limit of the queue; the oldest events are dropped. Choice: seconds of events for a client that
+/// does not poll.
 const MAX_EVENTS: usize = 256;
 
 /// The event queue.

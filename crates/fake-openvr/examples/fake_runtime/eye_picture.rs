@@ -8,11 +8,14 @@ use glam::{DMat3, DVec3};
 use crate::pyramid::{Pixel, Pyramid};
 use crate::snapshot::{Eye, Shape, Snapshot};
 
-/// Rays per pixel in each direction.
+/// Rays per pixel in each direction. Choice: four rays smooth the edges; the time of a picture
+/// grows with their number.
 const RAYS: usize = 2;
-/// Colour of a quad's back: grey, half transparent.
+/// Colour of a quad's back: grey, half transparent. Choice: visible in pictures, and unlike what a
+/// client draws.
 const BACK: Pixel = [0.05, 0.05, 0.05, 0.5];
-/// Brightness of the floor lines, linear.
+/// Brightness of the floor lines, linear, and half their width. Choice: seen in a picture for
+/// orientation, and darker than a warning.
 const GRID: f32 = 0.02;
 const GRID_HALF_WIDTH_M: f64 = 0.006;
 

@@ -15,13 +15,15 @@ use crate::paths::Paths;
 use crate::report::write_whole;
 use crate::world::{World, lock};
 
-/// Period of the thread.
+/// Period of the thread. Choice: a command takes effect within some frames, without load when
+/// nothing happens.
 const TICK: Duration = Duration::from_millis(20);
-/// Interval of report writes if nothing is urgent, nanoseconds.
+/// Interval of report writes if nothing is urgent, nanoseconds. Choice: a killed client loses at
+/// most the last second's report.
 const REPORT_NS: i64 = 1_000_000_000;
-/// Ticks between two reads of the command file.
+/// Ticks between two reads of the command file. Choice: 0.1 s, below what a test waits for.
 const COMMANDS_TICKS: u64 = 5;
-/// Limit of one read of the command file, bytes.
+/// Limit of one read of the command file, bytes. Choice: bounds memory; a line is a short command.
 const MAX_READ_BYTES: u64 = 1 << 20;
 
 /// Handle of the thread.

@@ -13,7 +13,7 @@ use crate::vulkan::{Copied, Copier};
 
 /// Limit of overlays.
 pub const MAX_OVERLAYS: usize = sys::k_unMaxOverlayCount as usize;
-/// First handle. Unlike a small number or a pointer, to detect mix-ups.
+/// First handle. Choice: unlike a small number or a pointer, to detect mix-ups.
 const FIRST_HANDLE: u64 = 0x5354_4e44_0000_0001;
 
 /// Placement of an overlay.

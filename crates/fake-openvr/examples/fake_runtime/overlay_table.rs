@@ -26,7 +26,8 @@ const BAD_TEXTURE: u32 = sys::EVROverlayError_VROverlayError_InvalidTexture;
 const WRONG_TRANSFORM: u32 = sys::EVROverlayError_VROverlayError_WrongTransformType;
 const FAILED: u32 = sys::EVROverlayError_VROverlayError_RequestFailed;
 const TIMED_OUT: u32 = sys::EVROverlayError_VROverlayError_TimedOut;
-/// Largest side of a texture, pixels.
+/// Largest side of a texture, pixels. Choice: every Vulkan device supports it (required
+/// `maxImageDimension2D`), and no overlay needs more.
 const MAX_TEXTURE_SIDE: u32 = 4096;
 const FORMATS: [vk::Format; 4] =
     [vk::Format::R8G8B8A8_SRGB, vk::Format::R8G8B8A8_UNORM, vk::Format::B8G8R8A8_SRGB, vk::Format::B8G8R8A8_UNORM];

@@ -16,7 +16,8 @@ use crate::snapshot::{Eye, Item, Snapshot};
 use crate::sys;
 use crate::world::lock;
 
-/// Limit of queued snapshots.
+/// Limit of queued snapshots. Choice: pictures are asked for one at a time; more snapshots would
+/// take memory.
 const MAX_QUEUED: usize = 8;
 
 /// A queued job.

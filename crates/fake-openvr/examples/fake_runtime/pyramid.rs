@@ -54,6 +54,7 @@ impl Pyramid {
     /// Mean colour around a point (0 to 1 across and down) over the area spanned by `along` and
     /// `across` in the same units, with several samples along the longer of the two.
     pub fn sample(&self, at: [f64; 2], along: [f64; 2], across: [f64; 2]) -> Pixel {
+        /// Choice: anisotropic filtering for views down to 7°; more oblique ones blur.
         const MAX_SAMPLES: f64 = 8.0;
         let [width, height] = self.size().map(|size| size as f64);
         let texels = |v: [f64; 2]| (v[0] * width).hypot(v[1] * height);

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use serde::Serialize;
 
-/// Longest text of a violation that is kept, characters.
+/// Longest text of a violation that is kept, characters. Choice: enough for what was wrong and
+/// where; a report stays readable.
 const MAX_TEXT_BYTES: usize = 500;
 
 /// A kind of violation.

@@ -3,7 +3,8 @@
 use std::fs::{File, TryLockError};
 use std::path::Path;
 
-/// How long an answer is cached, nanoseconds.
+/// How long an answer is cached, nanoseconds. Choice: less than a frame, so that a killed server is
+/// noticed in the next; each call would otherwise ask the system.
 const ALIVE_CACHE_NS: i64 = 5_000_000;
 
 /// The server as seen by a client.

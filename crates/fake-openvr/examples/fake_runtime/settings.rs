@@ -13,7 +13,7 @@ use crate::{sys, table};
 const NONE: u32 = sys::EVRSettingsError_VRSettingsError_None;
 const UNSET: u32 = sys::EVRSettingsError_VRSettingsError_UnsetSettingHasNoDefault;
 const READ_FAILED: u32 = sys::EVRSettingsError_VRSettingsError_ReadFailed;
-/// Limit of settings that a client may add.
+/// Limit of settings that a client may add. Choice: bounds memory when a client adds without end.
 const MAX_ADDED_SETTINGS: usize = 1000;
 const BOUNDS: &str = "collisionBounds";
 const BOUNDS_COLOR: [&str; 4] = [

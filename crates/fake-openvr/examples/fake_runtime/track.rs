@@ -7,9 +7,11 @@ use glam::DVec3;
 use radar_recording::read_track;
 use radar_sar::geometry::Pose;
 
-/// Largest distance of neighbouring lines across which poses are interpolated, nanoseconds.
+/// Largest distance of neighbouring lines across which poses are interpolated, nanoseconds. Choice:
+/// two poses at 72 Hz; across a longer gap tracking counts as lost.
 const MAX_GAP_NS: i64 = 30_000_000;
-/// Half the interval over which velocities are computed, nanoseconds.
+/// Half the interval over which velocities are computed, nanoseconds. Choice: shorter than the
+/// poses' spacing, so that neighbouring intervals alone count.
 const VELOCITY_HALF_NS: i64 = 2_000_000;
 
 /// Pose and motion of a device, in the universe of its track.

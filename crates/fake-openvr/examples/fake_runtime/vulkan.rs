@@ -9,11 +9,14 @@ use ash::vk::Handle;
 
 use crate::sys;
 
-/// Limit of copies, in progress or kept.
+/// Limit of copies, in progress or kept. Choice: more than the overlays that a runtime allows at
+/// once.
 const MAX_SLOTS: usize = 160;
-/// From this number on, copies of another size are freed before a new one is allocated.
+/// From this number on, copies of another size are freed before a new one is allocated. Choice:
+/// bounds graphics memory while a client changes the sizes of its textures.
 const SLOTS_BEFORE_EVICTION: usize = 48;
-/// Limit of the wait for a copy, when an image is requested or at the end, nanoseconds.
+/// Limit of the wait for a copy, when an image is requested or at the end, nanoseconds. Choice: a
+/// copy takes milliseconds even in software; a hung device must not hang a test.
 const MAX_WAIT_NS: u64 = 2_000_000_000;
 
 /// Loads the Vulkan library, which the client has loaded already.

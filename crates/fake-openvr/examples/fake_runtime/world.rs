@@ -22,7 +22,7 @@ use crate::table::Failure;
 use crate::track::Track;
 use crate::universes::Universes;
 
-/// Limit of scheduled commands.
+/// Limit of scheduled commands. Choice: bounds memory; scripts of tests have dozens.
 const MAX_SCRIPT_COMMANDS: usize = 10_000;
 
 static WORLD: Mutex<Option<World>> = Mutex::new(None);

@@ -13,9 +13,10 @@ use crate::autolaunch;
 use crate::folders;
 use crate::folders::Folders;
 
-/// Time that clients have to exit after they are asked to quit, as in SteamVR.
+/// Time that clients have to exit after they are asked to quit. Source: as in SteamVR.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Attempts to take a lock that clients probe briefly.
+/// Attempts to take a lock that clients probe briefly. Choice: two seconds, while a probe holds a
+/// lock for microseconds.
 const LOCK_TRIES: u32 = 100;
 const PAUSE: Duration = Duration::from_millis(20);
 

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::FEATURES;
 
-/// Version of the file's layout.
+/// Version of the file's layout. A model file of another layout is refused.
 const FORMAT: u32 = 1;
 
 /// The model in use.

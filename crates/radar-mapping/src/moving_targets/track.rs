@@ -9,36 +9,46 @@ use super::MtiSettings;
 use radar_sar::geometry::Pose;
 use radar_sar::subaperture::{MtiEcho, MtiResult};
 
-/// 1σ of an echo's range about the middle of a body, and of its speed about the body's (choice):
+/// 1σ of an echo's range about the middle of a body, and of its speed about the body's. Choice:
 /// limbs swing.
 const RANGE_SIGMA_M: f64 = 0.12;
 const SPEED_SIGMA_M_PER_S: f64 = 0.3;
-/// 1σ of a person's radial acceleration, metres a second squared, constant over a sub-aperture
-/// (choice).
+/// 1σ of a person's radial acceleration, metres a second squared, constant over a sub-aperture.
+/// Choice: a person comes to walking speed within half a second; a visitor in play who stops or
+/// turns stays in the gate.
 const ACCELERATION_M_PER_S2: f64 = 3.0;
-/// 1σ of the speed of a new track about its echo's (choice).
+/// 1σ of the speed of a new track about its echo's. Choice: that of any echo,
+/// [`SPEED_SIGMA_M_PER_S`].
 const INITIAL_SPEED_SIGMA_M_PER_S: f64 = 0.3;
 /// Gate: an echo farther from the predicted range than the lesser of these, in 1σ and in metres, is
-/// not the track's (choice).
+/// not the track's. Choice: 3σ loses 0.3 % of the echoes; half a metre is a body's depth with
+/// outstretched limbs, so that a poor prediction does not take another's echoes.
 const GATE_SIGMAS: f64 = 3.0;
 const GATE_M: f64 = 0.5;
-/// Gate: a greater difference of the speeds is another object's, metres a second (choice).
+/// Gate: a greater difference of the speeds is another object's, metres a second. Choice: four
+/// times [`SPEED_SIGMA_M_PER_S`]; an ambiguity, 2.6 m/s at d16, is well beyond it.
 const GATE_M_PER_S: f64 = 1.2;
-/// Factor on the gate within the hands' reach (choice).
+/// Factor on the gate within the hands' reach. Choice: 0.2 m, about a hand's own extent, so that a
+/// swinging hand does not keep a track alive.
 const HAND_GATE_FACTOR: f64 = 0.4;
-/// Fastest radial speed of an object in a room, metres a second (choice). Where range rates are
-/// ambiguous, no other value is tried.
+/// Fastest radial speed of an object in a room, metres a second. Where range rates are ambiguous,
+/// no other value is tried. Choice: a brisk walk indoors; each further speed begins more false
+/// tracks.
 const MAX_SPEED_M_PER_S: f64 = 1.5;
 /// Number of recent sub-apertures that are looked back on, and the most misses in a row of an
-/// unconfirmed track (choice).
+/// unconfirmed track. Choice: half a second of preset d16; after three misses the four hits that
+/// confirm by default are out of reach of six.
 const RECENT_SUBAPERTURES: usize = 6;
 const MAX_MISSES: usize = 3;
-/// An echo this long after the last one stands alone, nanoseconds (choice).
+/// An echo this long after the last one stands alone, nanoseconds. Choice: three sub-apertures of
+/// 90 ms, [`MAX_MISSES`].
 const MAX_ECHO_GAP_NS: i64 = 300_000_000;
 /// Share of the sensor's displacement and of the range rates that is unknown for targets off the
-/// boresight (choice).
+/// boresight. Choice: the sine of 20°, about where the power of the bare sensor's beam has halved
+/// on both ways.
 const TANGENTIAL_SHARE: f64 = 0.35;
-/// Longest time for which a sub-aperture's travel is counted, seconds (choice).
+/// Longest time for which a sub-aperture's travel is counted, seconds. Choice: twice the length of
+/// 90 ms; beyond, time without a measurement would count as travel.
 const MAX_SUBAPERTURE_S: f64 = 0.2;
 
 /// A possible target, from its first echo on.

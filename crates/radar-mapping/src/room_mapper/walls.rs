@@ -14,10 +14,11 @@ use crate::{Detection, HandTrail, SavedMap, SavedWall, Track, TrackList, TrackSe
 use radar_sar::geometry::{Aabb, Plane};
 use radar_sar::subaperture::Subaperture;
 
-/// Missed updates after which a wall is removed (choice): longer than the window, so that a real
+/// Missed updates after which a wall is removed. Choice: longer than the window, so that a real
 /// wall would have been detected.
 const MAX_MISSED_UPDATES: u32 = 24;
-/// A wall is expected where it was seen, and this far beyond, metres (choice).
+/// A wall is expected where it was seen, and this far beyond, metres. Choice: the foot moves with
+/// the head, which goes farther than it has been; much farther along there may be a doorway.
 const LATERAL_M: f64 = 0.6;
 
 /// What walls are judged from: the window, the hands in it, and the cosine from which on a normal is in

@@ -9,18 +9,23 @@ use radar_sar::math;
 use radar_sar::{Beam, Observation};
 use radar_sar::{RangeCompressor, sweep_noise_rms};
 
-/// Sweeps within this time are combined, nanoseconds. Choice.
+/// Sweeps within this time are combined, nanoseconds. Choice: several sweeps reduce the noise, and
+/// at 1 m/s the range changes by 8 mm, far less than a pulse.
 const GROUP_NS: i64 = 8_000_000;
 /// Half width of the gate around the expected range, metres. Choice: a lag of one second at 0.5
 /// m/s.
 const GATE_M: f64 = 0.5;
-/// Least mean power |z|²/σ² of an echo. Choice.
+/// Least mean power |z|²/σ² of an echo. Choice: noise reaches it with e⁻¹² a sample, so that gaps
+/// are not filled by noise.
 const MIN_POWER: f64 = 12.0;
-/// Least two-way amplitude of the beam at the reflector. Choice.
+/// Least two-way amplitude of the beam at the reflector. Choice: −20 dB on both ways; farther out
+/// the sidelobes of other echoes are stronger.
 const MIN_AMPLITUDE: f64 = 0.1;
-/// Least range, metres: direct leakage of the antenna lies below.
+/// Least range, metres: direct leakage of the antenna lies below. Measured: in the vendor's
+/// recordings it reaches to 0.1 m, in profile 3 its tail to 0.2 m.
 const MIN_RANGE_M: f64 = 0.2;
-/// Least number of ranges to compare. Choice.
+/// Least number of ranges to compare. Choice: 0.4 s of groups; fewer do not show whether the
+/// streams agree.
 pub(super) const MIN_RANGES: usize = 50;
 
 /// Reads the ranges of a position.
@@ -100,7 +105,8 @@ fn vertex(three: &[f64]) -> f64 {
     (0.5 * (c - a) / (2.0 * b - a - c)).clamp(-0.5, 0.5)
 }
 
-/// A range follows the position when its residual is this close to the median, metres. Choice.
+/// A range follows the position when its residual is this close to the median, metres. Choice:
+/// tracking error and range noise at 20 dB; another echo is a pulse's width away.
 const MAX_FOLLOWING_M: f64 = 0.03;
 
 /// Number of ranges that follow the distances.
@@ -134,6 +140,7 @@ fn residuals(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> Ve
 
 /// Interpolates a series, but not across a gap.
 pub(super) fn value_at(series: &[(i64, f64)], time_ns: i64) -> Option<f64> {
+    /// Choice: between samples so far apart a path is off by a·t²/8, 3 mm at 10 m/s².
     const LONGEST_STEP_NS: i64 = 50_000_000;
     let later = series.partition_point(|(t, _)| *t < time_ns);
     let (&(t1, v1), &(t0, v0)) = (series.get(later)?, series.get(later.checked_sub(1)?)?);

@@ -6,9 +6,11 @@ use glam::DVec3;
 
 use super::snapshot::{ResultsCounters, Snapshot};
 
-/// Limit of the lines per snapshot; the rest is only counted. Choice.
+/// Limit of the lines per snapshot; the rest is only counted. Choice: a burst of events must not
+/// push older lines out of the viewers' panels.
 const MAX_LINES: usize = 40;
-/// Smallest change of the time offset that is logged, seconds. Choice.
+/// Smallest change of the time offset that is logged, seconds. Choice: below what is applied (0.5
+/// ms) by far; it only excludes rounding.
 const MIN_OFFSET_CHANGE_S: f64 = 1e-7;
 
 /// State at the snapshot before.

@@ -6,10 +6,13 @@ use radar_mapping::{MovingTarget, Obstacle, Wall};
 use radar_sar::eigen;
 use radar_sar::geometry::{Aabb, Pose};
 
-/// Uncertainties are drawn at this many standard deviations, within these radii, metres. Choice.
+/// Uncertainties are drawn at this many standard deviations, within these radii, metres. Choice: 2σ
+/// holds 95 % in each direction; the radii stay visible, and in the room where a direction is
+/// unobserved.
 const DRAWN_SIGMAS: f64 = 2.0;
 const RADII_M: [f64; 2] = [0.008, 0.7];
-/// Margin of a drawn wall around the reflections on it, metres. Choice.
+/// Margin of a drawn wall around the reflections on it, metres. Choice: the patch that was seen, a
+/// point for a head at rest, becomes visible as a surface.
 const WALL_MARGIN_M: f64 = 0.5;
 
 /// The uncertainty ellipsoid at two standard deviations: its pose, and its radii along its axes,

@@ -17,9 +17,10 @@ use crate::Statistic;
 use crate::math;
 use crate::simd::{LANES, Lanes, dot, scale3, splat3, sub3};
 
-/// Twice the greatest error of a kernel's distance, metres.
+/// Twice the greatest error of a kernel's distance (`power.rs`), metres.
 const DISTANCE_ERROR_M: f32 = 1e-4;
-/// Greatest bound of one sweep where the unit can be chosen, in units.
+/// Greatest bound of one sweep where the unit can be chosen, in units. Choice: within f32's
+/// mantissa, so that a bound is exact, and fine enough that rounding up by a unit costs nothing.
 const FINE_STEPS: f64 = (1 << 22) as f64;
 
 /// Range maxima of every sweep of a stack.

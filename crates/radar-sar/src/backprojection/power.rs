@@ -9,7 +9,7 @@ use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
 use super::sweep_stack::{HALF_WINDOW, SweepStack, WIDE_WINDOW, WINDOW};
 use crate::simd::{Kernel, LANES, Lanes, add3, dot, lane3, load3, on_widest, scale3, splat3, sub3};
 
-/// Greatest error of a distance, metres.
+/// Greatest error of a distance, metres. Choice: 1 % of the widest table step.
 const DISTANCE_ERROR_M: f64 = 5e-5;
 
 /// A brick shape accurate enough for these sums.

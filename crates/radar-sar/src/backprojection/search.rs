@@ -77,6 +77,7 @@ impl Found {
 }
 
 /// Cubes opened in parallel; a constant, so that the work does not depend on the number of threads.
+/// Choice: several for each core of a desktop, and few enough that the best cubes stay ahead.
 const BATCH: usize = 64;
 
 /// A cube of 2^level bricks, ordered by bound; of equals, lower levels and positions come first.

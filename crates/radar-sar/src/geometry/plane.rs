@@ -14,9 +14,11 @@ pub struct Plane {
     pub offset_m: f64,
 }
 
-/// Choice: least absolute vertical component of the normal of a level plane.
+/// Least absolute vertical component of the normal of a level plane. Choice: within 45°; floors and
+/// ceilings are searched level, so that only refinement tilts them.
 const MIN_LEVEL_NORMAL_Y: f64 = 0.7;
-/// Choice: greatest absolute vertical component of the normal of an upright plane.
+/// Greatest absolute vertical component of the normal of an upright plane. Choice: within 30°; what
+/// lies between, such as a roof's slope, is neither.
 const MAX_UPRIGHT_NORMAL_Y: f64 = 0.5;
 
 impl Plane {

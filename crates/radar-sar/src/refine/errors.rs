@@ -24,6 +24,7 @@ pub struct PositionErrors {
 }
 
 /// Lever arm from the tracked point to the sensor, metres: for a sensor at a headset's front.
+/// Choice: trackers report a point between the eyes.
 const ARM_M: f64 = 0.1;
 
 impl BoundedSettings for PositionErrors {

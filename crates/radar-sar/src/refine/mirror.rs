@@ -11,13 +11,15 @@ use glam::{DMat3, DVec3};
 use super::{OBSERVED_SHARE, PointEstimate, Prior, Refined, climb, longest_axis, objective, outer, scatter, trace};
 use crate::range_power::RangePower;
 
-/// Log-likelihood by which a position must fit better than its mirror image to be unambiguous: odds
-/// of a thousand to one.
+/// Log-likelihood by which a position must fit better than its mirror image to be unambiguous.
+/// Choice: odds of a thousand to one.
 const MIN_LOG_LIKELIHOOD_GAIN: f64 = 6.9;
 /// Least share of the position's log-likelihood that the image needs before it is optimised. The
-/// true position starts near its maximum.
+/// true position starts near its maximum. Choice: an image that begins lower does not catch up, and
+/// optimising costs as much as the position itself.
 const MIN_IMAGE_SHARE: f64 = 0.3;
-/// Greatest distance of the image's maximum from the image, in distances between the two.
+/// Greatest distance of the image's maximum from the image, in distances between the two. Choice:
+/// farther on, the climb would return to the position itself.
 const MAX_IMAGE_SHIFT: f64 = 0.25;
 
 /// The maximum near the mirror image, if it is a distinct position and fits about as well.

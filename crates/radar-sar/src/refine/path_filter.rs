@@ -24,11 +24,14 @@ const OFFSET: usize = 6;
 const JITTER: usize = 7;
 const WANDER: usize = 10;
 
-/// Correlation time of a smoothed pose's error, seconds: a fifth of the smoothing window.
+/// Correlation time of a smoothed pose's error, seconds. Choice: a fifth of the default smoothing
+/// window, 0.1 s, for a local quadratic fit.
 pub(crate) const JITTER_S: f64 = 0.02;
-/// 1σ of an unknown offset, metres.
+/// 1σ of an unknown offset, metres. Choice: far beyond λ/2, so that the first phase is free, small
+/// enough for f64's matrices.
 const OPEN_OFFSET_M: f64 = 0.1;
-/// Innovations beyond this many sigma are limited to it.
+/// Innovations beyond this many sigma are limited to it. Choice: one in 2000 of regular
+/// innovations; a larger one is interference or another echo.
 const OUTLIER_SIGMA: f64 = 3.5;
 
 /// One sweep's geometry as the filter needs it.

@@ -8,8 +8,8 @@ use glam::{DMat3, DVec3};
 
 use super::first_best;
 
-/// Prior information in each direction: less than one sweep gives at an angle of a thousandth of a
-/// radian.
+/// Prior information in each direction. Choice: less than one sweep gives at an angle of a
+/// thousandth of a radian; it only makes the first inverse exist.
 const PRIOR: f64 = 1e-6;
 
 /// Indices of `count` positions, in rising order; all when there are no more.

@@ -9,7 +9,8 @@ use crate::geometry::Aabb;
 use crate::math;
 use crate::{Beam, Observation};
 
-/// Voxels that one task handles.
+/// Voxels that one task handles. Choice: enough work for a task to pay; results do not depend on
+/// it.
 const CHUNK: usize = 256;
 
 /// A/√B at the time of the newest sweep.

@@ -16,11 +16,11 @@ use crate::Volume;
 use crate::geometry::Aabb;
 use crate::simd::LANES;
 
-/// Edge of the voxel cube that one task images: 8 × 8 × 8 where the box tables reach that far, else
-/// 4 × 4 × 4.
+/// Edge of the voxel cube that one task images. Choice: 8 × 8 × 8 where the box tables reach that
+/// far, else 4 × 4 × 4.
 const EDGES: [usize; 2] = [8, 4];
 /// Sub-apertures farther apart than this are not summed coherently, nanoseconds, because tracking
-/// drifts.
+/// drifts. Choice: a tenth of a second is what tracking holds a phase for.
 const MAX_GAP_NS: i64 = 150_000_000;
 
 /// Power in a region, normalised so that noise gives 1.
@@ -72,7 +72,7 @@ pub fn fine_image(blocks: &[&Subaperture], region: &Aabb, voxel_m: f64, per_aper
     Some(image)
 }
 
-/// Regions of more voxels than this are refused: 2 GB.
+/// Regions of more voxels than this are refused. Choice: 2 GB of memory.
 const MAX_VOXELS: f64 = 1e8;
 
 /// Sub-apertures that cover the region, in runs without gaps.

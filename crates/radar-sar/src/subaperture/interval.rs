@@ -132,11 +132,14 @@ impl PointSubaperture {
     }
 }
 
-/// Partitions exist for half-lengths from this one on, metres; each is longer by the ratio.
+/// Partitions exist for half-lengths from this one on, metres; each is longer by the ratio. Choice:
+/// from rest to 4 cm, half of what 0.9 m/s covers in 90 ms; a ratio of 1.3 wastes at most a quarter
+/// of a leaf, a finer one needs more partitions.
 const SHORTEST_HALF_LENGTH_M: f32 = 1e-4;
 const LENGTH_RATIO: f32 = 1.3;
 const PARTITIONS: usize = 24;
 /// Farthest offset, in table entries, at which the parabola through three entries is evaluated.
+/// Choice: 35 mm at entries of 10 mm, a quarter of the pulse, over which a parabola follows it.
 const SMOOTH_ENTRIES: f32 = 3.5;
 
 impl Subaperture {

@@ -30,5 +30,5 @@ pub use score_null_distribution::NoiseTail;
 pub(crate) use settings::taper;
 pub use settings::{SubapertureSettings, partition};
 
-/// Mean of ln(1 + m) for m exponential with mean 1, its distribution under noise: e·E₁(1).
+/// Mean of ln(1 + m) for m exponential with mean 1, its distribution under noise. Physics: e·E₁(1).
 pub const MEAN_LOG_OF_NOISE: f64 = 0.596_347;

@@ -12,11 +12,13 @@ use super::{MEAN_LOG_OF_NOISE, PlaneAt, Subaperture, SubapertureSettings};
 use crate::geometry::Plane;
 use crate::math;
 
-/// Directions of upright planes, evenly spaced in yaw.
+/// Directions of upright planes, evenly spaced in yaw. Choice: half a step, 0.75°, moves an echo by
+/// ±0.6 mm (±90° of phase) over the 9 cm of a sub-aperture at 1 m/s.
 const YAW_STEPS: usize = 240;
-/// Distance between offsets, metres: a third of the 14 cm pulse.
+/// Distance between offsets, metres. Choice: a third of the 14 cm pulse.
 const OFFSET_STEP_M: f64 = 0.05;
 /// Offsets held, from −`OFFSET_HALF`·step to +: ±6 m around the field's first sensor position.
+/// Choice: a room of 12 m.
 const OFFSET_HALF: i32 = 120;
 
 #[derive(Debug, Clone, Copy, Default)]

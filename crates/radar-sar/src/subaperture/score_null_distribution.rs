@@ -12,13 +12,17 @@ use super::MEAN_LOG_OF_NOISE;
 
 use crate::math;
 
-/// Integration steps over ln(1 + m).
+/// Integration steps over ln(1 + m). Choice: Simpson's rule over a smooth function, whose error is
+/// far below the approximation's some percent.
 const STEPS: usize = 160;
-/// Mean of the taper's fourth power; its mean square is 1.
+/// Mean of the taper's fourth power; its mean square is 1. Physics: (8/9)² times the mean of (1 −
+/// ½cos)⁴, 1.7734.
 const TAPER_FOURTH: f64 = 1.401;
-/// Quadrature points per σ for the incoherent power, out to 4σ.
+/// Quadrature points per σ for the incoherent power, out to 4σ. Choice: the integrand is smooth,
+/// and the noise level itself is known to some percent.
 const PARTS_OF_SIGMA: i32 = 2;
-/// Weights below this share are neglected.
+/// Weights below this share are neglected. Choice: nine decay times, with less than 1e-8 of the
+/// score's variance beyond.
 const NEGLIGIBLE_SHARE: f64 = 1e-4;
 
 /// Score distribution under noise for a point seen by consecutive sub-apertures of equal length.

@@ -12,25 +12,32 @@ use super::tracks::{Track, Tracks};
 use crate::Observation;
 use crate::PositionErrors;
 
-/// Age up to which tracks count, seconds, so that slow drifts of the offset are followed.
+/// Age up to which tracks count, seconds. Choice: long enough to average over several movements,
+/// short enough that slow drifts of the offset are followed.
 const MEMORY_S: f64 = 20.0;
 /// A track follows one stationary object when the fit unwraps at least this share of its phases
 /// with at most this rms residual, metres; interference may then shift its ranges by at most this,
-/// metres.
+/// metres. Choice: a body that sways or two interfering parts lose the phase or leave more than
+/// λ/16 of it.
 const COHERENT_SHARE: f64 = 0.8;
 const COHERENT_RMS_M: f64 = 0.3e-3;
 const COHERENT_EXCESS_M: f64 = 0.015;
 /// Without phases, the ranges' unexplained rms must be at most this, metres; the track is rejected
-/// when unwrapped phases contradict it by more than this rms, metres.
+/// when unwrapped phases contradict it by more than this rms, metres. Choice: four times the
+/// default drift of the tracking, 1 mm; and λ/8, at which phases add up no longer.
 const INCOHERENT_EXCESS_M: f64 = 0.004;
 const CONTRADICTING_RMS_M: f64 = 0.6e-3;
-/// Nearest range used, metres: below it lies the antenna's leakage.
+/// Nearest range used, metres. Measured: in the vendor's recordings the antenna's leakage reaches
+/// to 0.1 m, in profile 3 its tail to 0.2 m.
 const MIN_RANGE_M: f64 = 0.2;
-/// Tracks that deviate by more than this many of their standard deviations are rejected.
+/// Tracks that deviate by more than this many of their standard deviations are rejected. Choice: 3σ
+/// rejects one honest track of 370.
 const MAX_DEVIATION: f64 = 3.0;
-/// An offset with a greater 1σ counts as unobserved, seconds: it would not improve anything.
+/// An offset with a greater 1σ counts as unobserved, seconds. Choice: 5 ms misplace an echo by 5 mm
+/// at 1 m/s; it would not improve anything.
 const OBSERVED_S: f64 = 5e-3;
-/// Greatest number of ended tracks that wait for the path to catch up.
+/// Greatest number of ended tracks that wait for the path to catch up. Choice: bounds memory when
+/// the path stops; each estimate takes those that are covered.
 const MAX_WAITING: usize = 256;
 
 /// Search interval of the offset, and the pose errors.

@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-/// Samples farther apart than this are not joined, nanoseconds.
+/// Samples farther apart than this are not joined, nanoseconds. Choice: twice the 5 ms at which the
+/// path is sampled, and some; one missing sample is joined, a pause is not.
 const MAX_STEP_NS: i64 = 12_000_000;
 
 #[derive(Debug, Clone, Copy)]

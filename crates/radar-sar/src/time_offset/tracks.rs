@@ -5,19 +5,25 @@ use glam::DVec3;
 use super::echoes::Echo;
 use crate::geometry::Pose;
 
-/// A track without an echo for this long ends, nanoseconds.
+/// A track without an echo for this long ends, nanoseconds. Choice: five groups of 8 ms; after
+/// longer pauses another echo may lie at the prediction.
 const MAX_PAUSE_NS: i64 = 40_000_000;
-/// A track ends at this length, to bound the work on it, nanoseconds.
+/// A track ends at this length, to bound the work on it, nanoseconds. Choice: a few movements of
+/// the head, and 600 echoes.
 const MAX_SPAN_NS: i64 = 5_000_000_000;
 /// An echo belongs to a track if it lies within this of the prediction: metres, plus metres per
-/// second since the last echo.
+/// second since the last echo. Choice: range noise and a change of speed; echoes in the gate are
+/// less than a pulse apart and do not both exist.
 const GATE_M: f64 = 0.02;
 const GATE_M_PER_S: f64 = 0.8;
-/// Weight of a new echo in the track's speed.
+/// Weight of a new echo in the track's speed. Choice: a mean of a dozen echoes, 0.1 s, as ranges of
+/// single groups are noisy.
 const SPEED_GAIN: f64 = 0.15;
-/// Greatest range rate, m/s.
+/// Greatest range rate, m/s. Choice: heads move at up to 2.5 m/s (thesis, 3.5); faster tracks jump
+/// between echoes.
 const MAX_SPEED_M_PER_S: f64 = 3.0;
-/// Greatest number of open tracks.
+/// Greatest number of open tracks. Choice: bounds the work; a sweep of 3 m holds about as many
+/// distinct echoes.
 const MAX_OPEN: usize = 24;
 
 /// The echoes of one object while it was followed.

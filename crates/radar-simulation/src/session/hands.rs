@@ -12,17 +12,22 @@ use super::Player;
 
 use radar_sar::math;
 
-/// Position of the right shoulder from the eyes, metres; −z is ahead. Choice.
+/// Position of the right shoulder from the eyes, metres; −z is ahead. Choice: an adult's shoulder,
+/// below, aside and behind of the eyes.
 const SHOULDER_M: DVec3 = DVec3::new(0.19, -0.28, 0.08);
-/// Rest position of the right hand from the shoulder, metres. Choice.
+/// Rest position of the right hand from the shoulder, metres. Choice: a controller held before the
+/// belt with a bent elbow, in the lower part of the beam.
 const REST_M: DVec3 = DVec3::new(0.02, -0.25, -0.36);
-/// Distance of the elbow below the middle of the line from shoulder to hand, metres. Choice.
+/// Distance of the elbow below the middle of the line from shoulder to hand, metres. Choice: an arm
+/// hangs from the shoulder.
 const ELBOW_DROP_M: f64 = 0.14;
-/// Sway of a hand, metres. Choice.
+/// Sway of a hand, metres. Choice: hands are never still in play; it moves the echoes through many
+/// wavelengths.
 const SWAY_M: f64 = 0.07;
 
 /// Radar cross-sections, dBsm: palm with knuckles, plastic controller with electronics, forearm.
-/// Choice.
+/// Choice: no measurement of hands at 60 GHz was found; as strong as a chair's parts, so that they
+/// can be mistaken for furniture.
 const PALM_DBSM: f64 = -22.0;
 const CONTROLLER_DBSM: f64 = -21.0;
 const FOREARM_DBSM: f64 = -24.0;

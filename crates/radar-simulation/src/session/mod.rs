@@ -75,7 +75,8 @@ pub enum SessionError {
     Duration(f64),
 }
 
-/// Poses start before the session and end after it by this time, seconds. Choice.
+/// Poses start before the session and end after it by this time, seconds. Choice: the smoothing of
+/// the poses and the time offset need poses on both sides.
 const MARGIN_S: f64 = 0.2;
 
 impl PlaySession {

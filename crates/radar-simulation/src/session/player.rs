@@ -12,19 +12,23 @@ use super::super::smooth::{Wander, smoothstep};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
-/// Half the size of the play area, metres. Choice.
+/// Half the size of the play area, metres. Choice: a small play area, within the ring of furniture.
 const PLAY_HALF_M: f64 = 0.9;
-/// Smallest distance of the body's axis from furniture and walls, metres. Choice.
+/// Smallest distance of the body's axis from furniture and walls, metres. Choice: half a body's
+/// width; the player may touch furniture with an arm.
 const CLEARANCE_M: f64 = 0.28;
-/// Share of stances near an object, and their distance from its nearest part, metres. Choice.
+/// Share of stances near an object, and their distance from its nearest part, metres. Choice: a few
+/// approaches to each object within five minutes, to just outside of touching it.
 const NEAR_OBJECT_SHARE: f64 = 0.3;
 const NEAR_OBJECT_M: (f64, f64) = (0.3, 0.55);
-/// Share of stances near a wall. Choice.
+/// Share of stances near a wall. Choice: seldom, as walls are beyond the furniture.
 const WALL_SHARE: f64 = 0.05;
-/// Longest step, metres. Choice.
+/// Longest step, metres. Choice: what a player walks between two stances without crossing the whole
+/// area.
 const MAX_STEP_M: f64 = 1.3;
 /// The player looks in the direction of a step longer than this, metres, except for this share of
-/// steps. Choice.
+/// steps. Choice: shorter steps only shift the weight; backward steps into what was not seen do
+/// happen in play.
 const LOOK_AHEAD_STEP_M: f64 = 0.25;
 const STEP_WITHOUT_LOOKING_SHARE: f64 = 0.15;
 

@@ -16,11 +16,14 @@ use super::REMOVED_CHAIR;
 
 use radar_sar::math;
 
-/// Pieces of furniture in addition to the chairs that every room has. Choice.
+/// Pieces of furniture in addition to the chairs that every room has. Choice: with the chairs a
+/// furnished room, in which objects mask each other.
 const EXTRA_FURNITURE: usize = 5;
-/// Distance from the room's centre to the near side of the furniture, metres. Choice.
+/// Distance from the room's centre to the near side of the furniture, metres. Choice: around the
+/// play area of 0.9 m, so that objects can be reached and do not stand in it.
 const RING_M: (f64, f64) = (0.95, 1.35);
-/// Distance from the centre of a chair to the wall behind it, metres. Choice.
+/// Distance from the centre of a chair to the wall behind it, metres. Choice: a chair before a
+/// strong wall is the case that wall cancellation is for.
 const CHAIR_TO_WALL_M: f64 = 0.5;
 
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,19 +7,20 @@ use a121::device::{Fault, READING_NS, SentResult};
 
 use super::outcome::Outcome;
 
-/// Length of a result's line that the session assumes, bytes per sensor. With it goes the part of
-/// the delay that the session subtracts.
+/// Length of a result's line that the session assumes (source: its `LINE_BYTES`), bytes per sensor.
+/// With it goes the part of the delay that the session subtracts.
 const LINE_BYTES: i64 = 170;
 /// Accuracy required of times. After `SETTLED_S` seconds of frames: the greater of `SIGMAS` stated
 /// standard deviations and one tick, plus `BOARD_DELAY_S` seconds for differences between the
 /// board's own delays. Before: `UNSETTLED_TOLERANCE_S` seconds, the longest delay that is
-/// simulated.
+/// simulated. Choice: 5σ fails once in a million frames by chance; 0.1 ms is twice the mean of the
+/// simulated board's additional delay.
 const SETTLED_S: f64 = 2.0;
 const SIGMAS: f64 = 5.0;
 const BOARD_DELAY_S: f64 = 0.1e-3;
 const UNSETTLED_TOLERANCE_S: f64 = 0.25;
 /// A flipped digit of a tick is detected when it moves the tick by more than this share of the
-/// period.
+/// period. Source: `PERIOD_TOLERANCE` of the session's ticks.
 const UNDETECTED_TICK_SHARE: f64 = 0.03;
 
 /// What the line and the session were when a result arrived.

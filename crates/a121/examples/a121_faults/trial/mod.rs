@@ -14,9 +14,11 @@ use frame_check::{Arrival, FrameCheck};
 pub use outcome::{Outcome, Phase};
 
 const S: i64 = 1_000_000_000;
-/// Time after which a session that has not recovered counts as failed, nanoseconds. Choice.
+/// Time after which a session that has not recovered counts as failed, nanoseconds. Choice: many
+/// times the session's longest pause of 8 s.
 const RECOVERY_TIMEOUT_NS: i64 = 120 * S;
-/// A session has recovered when no frame was missed for this long, nanoseconds. Choice.
+/// A session has recovered when no frame was missed for this long, nanoseconds. Choice: longer than
+/// a fault's own effects after its end, such as a burst of 1 s.
 const STABLE_NS: i64 = 2 * S;
 
 /// When frames arrived, as far as it tells how a session recovers.

@@ -87,7 +87,7 @@ pub enum RollingError {
     Window(usize),
 }
 
-/// Choice: greatest window; tables and range maxima take 40 kB per sweep.
+/// Greatest window. Choice: tables and range maxima take 40 kB per sweep.
 const MAX_WINDOW: usize = 4096;
 
 /// Work done so far.
@@ -111,15 +111,17 @@ pub struct RollingWork {
     pub carried_over: u64,
 }
 
-/// Octets of cubes, and bricks, per parallel task.
+/// Octets of cubes, and bricks, per parallel task. Choice: enough work for a task to pay; results
+/// do not depend on it.
 const OCTETS_PER_TASK: usize = 512;
 const BRICKS_PER_TASK: usize = 512;
-/// Least number of bricks that one task sums.
+/// Least number of bricks that one task sums. Choice: enough work for a task to pay.
 const MIN_BRICKS_PER_SUM_TASK: usize = 16;
-/// Cost of one bound, in updates.
+/// Cost of one bound, in updates. Choice: a bound looks up range maxima and the beam's extreme,
+/// some four times the work of a voxel; it only shares out the work of a sweep.
 const UPDATES_PER_BOUND: u64 = 4;
 /// One in so many idle bricks is checked with each sweep, whether it has been idle too long to be
-/// caught up.
+/// caught up. Choice: a scan costs little, and a brick that is dropped late only takes memory.
 const IDLE_SCAN_SWEEPS: usize = 32;
 
 /// The image.

@@ -3,11 +3,13 @@
 
 use super::octree_bounds::Bounds;
 
-/// Number of buckets: sixteen per doubling of the bound, by the first bits of its mantissa.
+/// Number of buckets: sixteen per doubling of the bound, by the first bits of its mantissa. Choice:
+/// eight doublings above the threshold; the order among still greater ones does not matter.
 const BUCKETS: usize = 128;
 const MANTISSA_BITS_DROPPED: u32 = 23 - 4;
 /// Greatest number of cubes examined in parallel; a constant, so that results do not depend on the
-/// number of threads.
+/// number of threads. Choice: several cubes for each core, and few enough that the greatest bounds
+/// stay ahead.
 const BATCH: usize = 512;
 
 /// A cube that may contain a voxel at the threshold.

@@ -4,9 +4,11 @@ use super::LAYERS;
 use crate::simd::{Kernel, LANES, Lanes};
 use crate::subaperture::MEAN_LOG_OF_NOISE;
 
-/// The weight grows by 2 to this power in an epoch.
+/// The weight grows by 2 to this power in an epoch. Choice: a weight within an epoch stays below
+/// 256, so that f32 sums keep their precision, and whole epochs are exact powers of two.
 pub(super) const EPOCH_DOUBLINGS: i32 = 8;
-/// Ticks in an epoch, as a power of two.
+/// Ticks in an epoch, as a power of two. Choice: a tick of 0.1 ms is far shorter than a
+/// sub-aperture, and i32 lasts for three days at the default decay.
 pub(super) const TICKS_LOG2: u32 = 16;
 
 /// Evidence of sixteen voxels.
