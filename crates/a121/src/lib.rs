@@ -126,5 +126,6 @@ pub use ticks::{TickUnwrapper, TickVerdict};
 pub use timing::{FrameTiming, frame_timing};
 pub use version::Version;
 
-/// Distance between neighbouring range points at step 1, metres (every recording of the vendor).
+/// Distance between neighbouring range points at step 1, metres. Measured: the metadata of every
+/// recording of the vendor.
 pub const BASE_STEP_M: f64 = 0.002_502_274_001_017_21;

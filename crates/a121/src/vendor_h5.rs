@@ -38,8 +38,8 @@ const MAX_CHUNK_BYTES: u64 = 64 << 20;
 /// Limit of a JSON text, bytes. Choice: configurations and metadata take some kilobytes; a larger
 /// text is no configuration.
 const MAX_TEXT_BYTES: usize = 16 << 20;
-/// Most bytes that a packed byte unpacks to. Deflate, which the vendor's tool uses, reaches 1032
-/// (zlib's technical details).
+/// Most bytes that a packed byte unpacks to. Source: deflate, which the vendor's tool uses, reaches
+/// 1032 (zlib's technical details).
 const MAX_UNPACKING: u64 = 1032;
 
 /// A file of the vendor's tool that cannot be read. Each message says what happened and what to do.

@@ -24,7 +24,7 @@ pub enum Echo {
     Plane(Plane),
 }
 
-/// Full width at half maximum of the pulse, metres: profile 3.
+/// Full width at half maximum of the pulse, metres. Source: A121, profile 3.
 pub const PULSE_FWHM_M: f64 = 0.14;
 /// Rms of the noise, LSB. Choice: of the order of the sensor's; results depend on ratios only.
 const NOISE_RMS: f64 = 20.0;

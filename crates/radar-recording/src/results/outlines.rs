@@ -19,6 +19,7 @@ const DOTS_PER_CIRCLE: u32 = 20;
 const MAX_DOTS_PER_LINE: usize = 200;
 const MAX_DOTS: usize = 12_000;
 
+/// Colours, red, green, blue and alpha. Choice: told apart on the viewers' dark background.
 pub const OBSTACLE: [u8; 4] = [255, 140, 26, 255];
 pub const UNCERTAINTY: [u8; 4] = [255, 230, 90, 255];
 pub const WALL: [u8; 4] = [77, 153, 255, 255];

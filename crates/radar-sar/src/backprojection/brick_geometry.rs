@@ -13,7 +13,8 @@ use super::sweep_stack::{Group, SweepStack};
 
 use crate::math;
 
-/// Voxels along a brick's edge.
+/// Voxels along a brick's edge. Choice: a layer fills the lanes of a vector, and a brick is small
+/// enough for an expansion to third order.
 pub const EDGE: usize = 4;
 /// Voxels in a brick.
 pub const VOXELS: usize = EDGE * EDGE * EDGE;

@@ -7,15 +7,17 @@
 //!
 //! Longer than other files: it is one trait with its three implementations.
 
-/// Number of lanes.
+/// Number of lanes. Choice: one register of AVX-512, two of AVX2.
 pub(crate) const LANES: usize = 16;
-/// Number of entries from which [`Lanes::look_up`] selects.
+/// Number of entries from which [`Lanes::look_up`] selects. Choice: what one permute of AVX-512
+/// selects from.
 pub(super) const WINDOW: usize = 32;
 
-/// Number of entries from which [`Lanes::look_up_half`] selects.
+/// Number of entries from which [`Lanes::look_up_half`] selects. Choice: two permutes.
 pub(super) const HALF_WINDOW: usize = 64;
 
-/// Number of entries from which [`Lanes::look_up_wide`] selects.
+/// Number of entries from which [`Lanes::look_up_wide`] selects. Choice: four permutes; a wider
+/// table is gathered.
 pub(super) const WIDE_WINDOW: usize = 128;
 
 /// Exponent bits of an f32.

@@ -16,8 +16,8 @@ use super::lanes::LANES;
 use crate::Volume;
 use crate::geometry::Aabb;
 
-/// Edge of the voxel cube that one task images: 8 × 8 × 8 where the box tables reach that far, else
-/// 4 × 4 × 4.
+/// Edge of the voxel cube that one task images. Choice: 8 × 8 × 8 where the box tables reach that
+/// far, else 4 × 4 × 4.
 const EDGES: [usize; 2] = [8, 4];
 /// Sub-apertures farther apart than this are not summed coherently, nanoseconds, because tracking
 /// drifts. Choice: a tenth of a second is what tracking holds a phase for.

@@ -5,7 +5,7 @@
 //! stay in a register and sixteen lanes select among them, which costs one instruction where a
 //! gather from memory costs seventeen.
 
-/// Lanes of a vector.
+/// Lanes of a vector. Choice: one register of AVX-512, two of AVX2.
 pub(super) const LANES: usize = 16;
 pub(super) type Lanes = [f32; LANES];
 
