@@ -1,6 +1,6 @@
 //! The vector operations that kernels are written with.
 
-/// Number of lanes.
+/// Number of lanes. Choice: one register of AVX-512, two of AVX2.
 pub(crate) const LANES: usize = 16;
 
 /// 1.5 · 2²³. Adding it rounds a number to the nearest integer, whose low bits are then the low

@@ -243,7 +243,7 @@ impl Field {
     }
 }
 
-/// Ticks since the beginning of an epoch; saturates after some months.
+/// Ticks since the beginning of an epoch; saturates after three days at the default decay.
 fn ticks(epochs: f64, first_epoch: i64) -> i32 {
     ((epochs - first_epoch as f64) * f64::from(1u32 << TICKS_LOG2)).floor().clamp(0.0, f64::from(i32::MAX)) as i32
 }
