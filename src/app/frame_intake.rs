@@ -15,9 +15,11 @@ use super::progress;
 use super::record_file::RecordFile;
 use super::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
 
-/// Longest wait for the first frame. Choice.
+/// Longest wait for the first frame. Choice: longer than a slow board's restart, baud change and
+/// two retries take, so only a dead one fails.
 const MAX_START: Duration = Duration::from_secs(30);
-/// Interval of reads of the track and of writes. Choice.
+/// Interval of reads of the track and of writes. Choice: a stop feels immediate, and an idle line
+/// costs twenty wake-ups a second.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// A chosen sensor and its set-up.

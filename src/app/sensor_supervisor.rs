@@ -20,9 +20,10 @@ use radar_mapping::Event;
 use radar_recording::Header;
 use radar_sar::PoseSample;
 
-/// Interval of searches for a board. Choice.
+/// Interval of searches for a board. Choice: a plugged-in board is used within two seconds; a
+/// search opens and questions every candidate port.
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
-/// Reaction time to a stop while waiting. Choice.
+/// Reaction time to a stop while waiting. Choice: shorter than one perceives.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// State shared between the sensor's thread and the frame loop.

@@ -17,7 +17,8 @@ use radar_sar::geometry::Pose;
 
 /// Largest width of an eye's picture, pixels. Choice: lines and discs need no more.
 const MAX_EYE_PX: u32 = 1024;
-/// Pictures per eye kept alive after they were replaced. Choice.
+/// Pictures per eye kept alive after they were replaced. Choice: the copy of one may be pending
+/// when the next is passed; one more in reserve.
 const RETAINED_PICTURES: usize = 3;
 
 /// Viewpoint in the standing universe, and the transform from there into the runtime's universe.

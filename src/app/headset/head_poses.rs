@@ -10,7 +10,8 @@ use super::status::EventSink;
 use crate::app::now_ns;
 use crate::openvr::{Hands, Runtime};
 
-/// Interval of checks of the standing universe, nanoseconds. Choice.
+/// Interval of checks of the standing universe, nanoseconds. Choice: a recentring is rare, and
+/// poses in the raw universe do not depend on it; saves a call per pose.
 const CHECK_INTERVAL_NS: i64 = 250_000_000;
 
 /// Reads head poses in the standing universe as it was at the first pose.

@@ -4,7 +4,7 @@
 use crate::app::{Latency, LatencyReport};
 
 /// A frame that starts later than this many periods after the previous one follows a missed frame.
-/// Choice.
+/// Choice: half-way between a frame in time and one missed, so jitter is not counted.
 const LATE_PERIODS: f64 = 1.5;
 
 /// A frame's start and end in host time.

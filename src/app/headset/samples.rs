@@ -43,7 +43,8 @@ pub(super) struct HandSampler {
     last_ns: Option<i64>,
 }
 
-/// Least interval of hand samples, nanoseconds. Choice.
+/// Least interval of hand samples, nanoseconds. Choice: the interval at which the mapper keeps
+/// them.
 const HAND_INTERVAL_NS: i64 = 10_000_000;
 
 impl HandSampler {

@@ -27,7 +27,8 @@ use worker::{MapperSpec, Worker};
 const FRAMES: usize = 0;
 const POSES: usize = 1;
 const HANDS: usize = 2;
-/// Bound of the channel of hand samples: about two seconds. Choice.
+/// Bound of the channel of hand samples: about two seconds. Choice: at 100 samples a second longer
+/// than the frames wait, so a sweep has its hands.
 const MAX_HANDS: usize = 256;
 
 /// Options of the reconstruction.
@@ -170,7 +171,8 @@ pub struct Reconstruction {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Longest time that [`Reconstruction::finish`] processes waiting input, nanoseconds. Choice.
+/// Longest time that [`Reconstruction::finish`] processes waiting input, nanoseconds. Choice: the
+/// map keeps its last sweeps, and the program still ends well within SteamVR's 5 s.
 const MAX_FINISH_NS: u64 = 500_000_000;
 
 impl Reconstruction {

@@ -14,14 +14,17 @@ use radar_mapping::{Event, Scene};
 use radar_mapping::{Mapper, MapperKind};
 use radar_sar::geometry::Pose;
 
-/// Longest wait for input: bounds the reaction time to stop and reset. Choice.
+/// Longest wait for input: bounds the reaction time to stop and reset. Choice: shorter than one
+/// perceives, twenty wake-ups a second without input.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Interval of the shared counters, nanoseconds. Choice.
+/// Interval of the shared counters, nanoseconds. Choice: as often as the panel is drawn.
 const COUNTERS_INTERVAL_NS: i64 = 100_000_000;
-/// Interval of the shared map for saving, nanoseconds. Choice.
+/// Interval of the shared map for saving, nanoseconds. Choice: a fraction of the 30 s between
+/// saves, and a copy a second costs little.
 const SAVED_MAP_INTERVAL_NS: i64 = 1_000_000_000;
 /// A search for single reflectors covers everything kept: at most once a second, and at most a
-/// fifth of the time. Choice.
+/// fifth of the time. Choice: a search takes up to seconds, and sweeps must not wait in the queue
+/// meanwhile.
 const MIN_REFLECTORS_INTERVAL_NS: i64 = 1_000_000_000;
 const REFLECTORS_IDLE_RATIO: i64 = 4;
 

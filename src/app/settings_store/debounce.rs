@@ -4,7 +4,8 @@
 //! written. So a text is accepted once it has been stable for a moment and is valid. An invalid or
 //! missing file is rejected once that has lasted for longer. Each state is reported once.
 
-/// A text that has been stable for this time is complete, nanoseconds. Choice.
+/// A text that has been stable for this time is complete, nanoseconds. Choice: two short polls; an
+/// editor that writes in pieces continues within milliseconds.
 const STABLE_NS: i64 = 150_000_000;
 /// An invalid file is reported after this time, nanoseconds. Choice: an editor may be saving it.
 const REPORT_AFTER_NS: i64 = 1_000_000_000;

@@ -13,7 +13,8 @@ use cpal::traits::{DeviceTrait, HostTrait, StreamTrait};
 use crate::warning::Tone;
 use voice::Mixer;
 
-/// Bound of tones that wait to start. Choice.
+/// Bound of tones that wait to start. Choice: as many as sound at once; a device that stalls must
+/// not play old cues later.
 const MAX_WAITING_TONES: usize = 4;
 
 /// Why no sound can be played.

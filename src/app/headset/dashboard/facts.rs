@@ -12,9 +12,11 @@ use crate::settings::Settings;
 use radar_mapping::{MovingTarget, Obstacle, Wall};
 use radar_sar::geometry::Pose;
 
-/// Two-way amplitude at the edge of the drawn beam. Choice.
+/// Two-way amplitude at the edge of the drawn beam. Choice: the default of
+/// `rooms.subapertures.min_amplitude`, so the panel draws the beam that is imaged.
 const BEAM_EDGE_AMPLITUDE: f64 = 0.25;
-/// Least interval over which rates are computed, nanoseconds. Choice.
+/// Least interval over which rates are computed, nanoseconds. Choice: at 60 frames/s a shorter
+/// interval changes the shown rate by percents from one picture to the next.
 const MIN_RATE_INTERVAL_NS: i64 = 1_000_000_000;
 
 /// State of the frame loop.

@@ -7,15 +7,17 @@
 use super::super::status::SensorCount;
 use crate::panel::Notice;
 
-/// Longest time from connecting to the first sweep, nanoseconds. Choice.
+/// Longest time from connecting to the first sweep, nanoseconds. Choice: a board's restart with its
+/// second set-up fits, so a normal start raises no notice.
 const MAX_START_NS: i64 = 12_000_000_000;
 /// Longest silence of a streaming sensor, nanoseconds. Choice: its own restart takes less.
 const MAX_SILENCE_NS: i64 = 4_000_000_000;
-/// Duration of a notice, nanoseconds. Choice.
+/// Duration of a notice, nanoseconds. Choice: time to notice two lines during a game and read them.
 const NOTICE_NS: i64 = 8_000_000_000;
-/// Interval from the start of a notice to its repetition, nanoseconds. Choice.
+/// Interval from the start of a notice to its repetition, nanoseconds. Choice: a wearer learns
+/// within a minute that warnings are missing; more often would drive them to switch it off.
 const REPEAT_NS: i64 = 60_000_000_000;
-/// Duration of the notice of a recovery, nanoseconds. Choice.
+/// Duration of the notice of a recovery, nanoseconds. Choice: short, because it asks for nothing.
 const RECOVERED_NOTICE_NS: i64 = 3_000_000_000;
 
 /// Monitors the sensor's sweeps and the reconstruction.
