@@ -13,7 +13,8 @@ use renamed::{put, with_present_names};
 
 use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
 
-/// Least similarity of an unknown name and a known one for a suggestion, 0 to 1. Choice.
+/// Least similarity of an unknown name and a known one for a suggestion, 0 to 1. Choice: one wrong
+/// or missing letter in a short name, two in a long one; lower suggests unrelated names.
 const MIN_SIMILARITY: f64 = 0.8;
 
 /// Invalid settings.

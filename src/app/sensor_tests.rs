@@ -8,7 +8,7 @@ use super::*;
 use a121::SensorFrame;
 use a121::find::{Board, choose};
 
-/// Upper bound of every wait.
+/// Upper bound of every wait. Choice: a loaded machine passes, a hang fails.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
 fn open(address: &str, options: &StreamOptions) -> SensorStream {

@@ -148,9 +148,10 @@ const SCENES: [DemoScene; 6] = [
     },
 ];
 
-/// Edge of the voxels in the demo's volumes, metres. Choice.
+/// Edge of the voxels in the demo's volumes, metres. Choice: the mapper's own; finer would make the
+/// page's volumes and the run larger without showing more.
 const VOXEL_M: f64 = 0.05;
-/// Side of an eye preview, pixels. Choice.
+/// Side of an eye preview, pixels. Choice: two fit side by side on the page.
 const PREVIEW_PX: u32 = 640;
 
 /// Result of one scene.

@@ -17,7 +17,8 @@ use crate::app::{PoseSource, RecordFile};
 use crate::openvr::{Role, Runtime, RuntimePaths};
 use radar_mapping::Event;
 
-/// Poses of the headset per second. Choice.
+/// Poses of the headset per second. Choice: a pose within 2 ms of every sweep, more often than any
+/// headset displays.
 const POSES_HZ: f64 = 250.0;
 
 /// Records a sensor's frames, and head poses from SteamVR or a track

@@ -13,7 +13,8 @@ use super::import::parse_mount;
 use super::simulate::read_config;
 use crate::app::ChosenSensor;
 
-/// Largest calibration file, bytes. Choice.
+/// Largest calibration file, bytes. Choice: all calibrations of a board fit the protocol's line of
+/// 16 kB; a wrong path to a large file is refused at once.
 const MAX_CALIBRATION_BYTES: u64 = 1 << 20;
 
 /// Command-line arguments of the sensor.

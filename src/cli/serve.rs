@@ -17,11 +17,12 @@ use a121::device::{
 use radar_sar::geometry::Pose;
 use radar_simulation::{LiveScenario, Scenario};
 
-/// Length of the head's path, which is followed back and forth, seconds. Choice.
+/// Length of the head's path, which is followed back and forth, seconds. Choice: longer than a play
+/// session; bounds what is computed beforehand.
 const PATH_S: f64 = 3600.0;
-/// Longest duration, seconds: a year. Choice.
+/// Longest duration, seconds: a year. Choice: far within i64 nanoseconds, and longer than any test.
 const MAX_DURATION_S: f64 = 3.2e7;
-/// Longest delay of the motion's start, seconds. Choice.
+/// Longest delay of the motion's start, seconds. Choice: the path's length.
 const MAX_START_DELAY_S: f64 = 3600.0;
 
 /// Arguments for serving instead of recording.

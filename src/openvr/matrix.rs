@@ -5,7 +5,8 @@ use glam::{DMat3, DQuat, DVec3};
 use super::sys::HmdMatrix34_t;
 use radar_sar::geometry::Pose;
 
-/// Tolerance of each entry of a rotation matrix times its transpose against the identity. Choice.
+/// Tolerance of each entry of a rotation matrix times its transpose against the identity. Choice:
+/// f32 rounds at 1e-7 and runtimes' matrices drift a little; at more than 1e-3 it is no pose.
 const ORTHONORMALITY_TOLERANCE: f64 = 1e-3;
 
 /// The pose of a matrix `a_from_b`; `None` if the matrix is not rigid.

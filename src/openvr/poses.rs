@@ -107,6 +107,7 @@ impl Hands {
     pub const NONE: Self = Self([sys::k_unTrackedDeviceIndexInvalid as u32; 2]);
 }
 
+/// Length of the runtime's table of tracked devices (OpenVR).
 const MAX_DEVICES: usize = sys::k_unMaxTrackedDeviceCount as usize;
 
 impl Runtime {

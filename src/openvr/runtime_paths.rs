@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 
 use super::error::OpenVrError;
 
-/// Limit of the registry file, bytes. Choice.
+/// Limit of the registry file, bytes. Choice: the file has under 1 kB; a link to an endless file
+/// must not fill memory.
 const MAX_REGISTRY_BYTES: u64 = 1 << 20;
 /// Path of the library within a runtime.
 const LIBRARY: &str = if cfg!(windows) {

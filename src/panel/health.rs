@@ -5,11 +5,15 @@ use egui::{Align2, Color32, Painter, Rect, pos2, vec2};
 
 use super::{BAD, CARD, FAINT, FAIR, GOOD, ROUND, TEXT, font};
 
-/// A warning is shown from this share of lost sweeps on, percent. Choice.
+/// A warning is shown from this share of lost sweeps on, percent. Choice: single losses are normal;
+/// one in fifty points to a line or a computer that does not keep up.
 const HIGH_LOSS_PERCENT: f64 = 2.0;
-/// An older newest sweep means that no data arrives or none is processed, seconds. Choice.
+/// An older newest sweep means that no data arrives or none is processed, seconds. Choice: four
+/// updates of the map missed in a row.
 const STALE_AGE_S: f64 = 1.0;
-/// A time offset with this 1σ is accurate enough for everything that is drawn, seconds. Choice.
+/// A time offset with this 1σ is accurate enough for everything that is drawn, seconds. Choice: 4
+/// mm at walking speed; in simulated furnished rooms an error of 3 ms added no false objects, one
+/// of 10 ms many.
 const GOOD_OFFSET_SIGMA_S: f64 = 3e-3;
 
 /// State of the sensor.
@@ -186,6 +190,7 @@ impl Health {
 
 /// Shortens a text to the width of the header.
 fn shortened(text: &str) -> String {
+    /// Length of a shown text, characters. Choice: what fits the header's width.
     const MOST: usize = 60;
     match text.char_indices().nth(MOST) {
         Some((end, _)) => format!("{}…", text[..end].trim_end()),
@@ -206,6 +211,7 @@ fn age_text(age_s: f64) -> String {
 
 /// Draws the cards in a grid of two by two.
 pub(super) fn cards(painter: &Painter, area: Rect, status_cards: &[StatusCard; 4]) {
+    /// Gap between cards, pixels. Choice: half the panel's margin.
     const GAP: f32 = 14.0;
     let size = (area.size() - vec2(GAP, GAP)) / 2.0;
     for (n, finding) in status_cards.iter().enumerate() {

@@ -6,7 +6,7 @@ use egui::{CornerRadius, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 use super::health::State;
 use super::{BACKGROUND, FAINT, TEXT, font, icon};
 
-/// Width and height of the notice, pixels.
+/// Width and height of the notice, pixels. Choice: its two lines in large letters.
 pub const NOTICE_SIZE: [u32; 2] = [1040, 200];
 
 /// What to tell the user.

@@ -6,18 +6,20 @@ use super::{ACCENT, CARD, FAINT, FAIR, ROUND, TEXT, font};
 
 /// Colour of moving targets. Choice: unlike the colours of furniture.
 const MOVING_COLOR: Color32 = Color32::from_rgb(255, 92, 168);
-/// Colour of obstacles, and the share of it for those from the saved map that were not detected
-/// again yet.
+/// Colour of obstacles. Choice: muted, because furniture is the background of what moves.
 const OBSTACLE_COLOR: Color32 = Color32::from_rgb(120, 150, 196);
+/// Share of its colour for an obstacle from the saved map that was not detected again yet. Choice:
+/// clearly fainter, still visible.
 const RESTORED_ALPHA: f32 = 0.45;
-/// Smallest and largest extent of the plan, metres. Choice.
+/// Smallest and largest extent of the plan, metres. Choice: a small room fills the plan; beyond 10
+/// m a chair would be a dot.
 const MIN_SPAN_M: f64 = 3.5;
 const MAX_SPAN_M: f64 = 10.0;
-/// Smallest radius of a drawn obstacle, pixels.
+/// Smallest radius of a drawn obstacle, pixels. Choice: still easy to see in a headset.
 const MIN_RADIUS_PX: f32 = 11.0;
-/// Height of the legend below the plan, pixels.
+/// Height of the legend below the plan, pixels. Choice: one line of text.
 const LEGEND_PX: f32 = 52.0;
-/// Margin around the content, metres.
+/// Margin around the content, metres. Choice: marks at the edge are drawn completely.
 const MARGIN_M: f64 = 0.4;
 
 /// Position and view direction of the head.
@@ -179,6 +181,7 @@ fn grid(painter: &Painter, view: &View) {
 }
 
 fn beam(painter: &Painter, view: &View, head: &Head) {
+    /// Corners of the beam's arc. Choice: it looks round.
     const STEPS: usize = 24;
     let ahead = head.forward[1].atan2(head.forward[0]);
     let half = head.beam_rad.clamp(0.02, 1.5);

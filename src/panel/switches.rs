@@ -142,11 +142,13 @@ const SWITCHES: &[Switch] = &[
     },
 ];
 
-/// Limits of a row's height, pixels.
+/// Limits of a row's height and the gap between rows, pixels. Choice: a laser pointer hits the
+/// lowest row; the highest keeps a few rows together.
 const MAX_ROW_HEIGHT: f32 = 108.0;
 const MIN_ROW_HEIGHT: f32 = 57.0;
 const GAP: f32 = 10.0;
-/// From this row height on, both lines have their full size, pixels.
+/// From this row height on, both lines have their full size; and the width of the controls, pixels.
+/// Choice: what the texts and four choices need.
 const FULL_SIZE_ROW_HEIGHT: f32 = 78.0;
 const CONTROL_WIDTH: f32 = 366.0;
 

@@ -11,7 +11,8 @@ use glam::{DMat4, DVec2, DVec3, DVec4, Mat4};
 use super::error::RenderError;
 use radar_sar::geometry::Pose;
 
-/// Distance of the near plane, metres. Choice.
+/// Distance of the near plane, metres. Choice: nearer than an eye's distance to any panel, and than
+/// a headset's lens.
 const NEAR_M: f64 = 0.03;
 
 /// Pose and projection of one eye.

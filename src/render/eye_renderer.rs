@@ -13,6 +13,7 @@ use super::eye::EyeView;
 use super::gpu::{FORMAT, Gpu};
 use super::quads::Quad;
 
+/// Samples per pixel. Choice: every adapter must support four (WebGPU), and edges look smooth.
 const SAMPLES: u32 = 4;
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 

@@ -14,14 +14,17 @@ use crate::warning::{PanelKind, Style, WarningSettings};
 
 /// Texture resolution. Choice: a grid line is two pixels wide.
 const PIXELS_PER_M: f64 = 512.0;
-/// Longest side of a texture. Larger panels get fewer pixels per metre.
+/// Longest side of a texture. Larger panels get fewer pixels per metre. Choice: 2 m at full
+/// resolution; 4 MB a texture.
 const MAX_SIDE_PX: f64 = 1024.0;
 
 /// Height of the distance label with its margin, metres. Choice: readable at 1.5 m.
 const LABEL_HEIGHT_M: f64 = 0.13;
-/// Height of the label's centre above the silhouette, metres.
+/// Height of the label's centre above the silhouette, metres. Choice: half the label's height, so
+/// that its lower edge touches the silhouette.
 const LABEL_ABOVE_M: f64 = 0.06;
-/// Height of the label's centre above the floor if there is no silhouette, metres.
+/// Height of the label's centre above the floor if there is no silhouette, metres. Choice: chest
+/// height, in view of a wearer who looks ahead, below what the game shows.
 const LABEL_ON_WALL_M: f64 = 1.3;
 
 /// Content of a panel's texture.

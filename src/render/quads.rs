@@ -16,18 +16,23 @@ use super::painter::{Painter, PanelContent, style_number, transition_to_copy_sou
 use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
 use radar_sar::geometry::Pose;
 
-/// Unused textures are dropped after this many calls: ten seconds of frames. Choice.
+/// Unused textures are dropped after this many calls: ten seconds of frames. Choice: someone who
+/// walks past an obstacle again finds its texture.
 const MAX_UNUSED_CALLS: u64 = 900;
 /// Limit of the texture cache, not counting textures in flight, bytes. Choice: eight panels, and as
 /// much again of recent ones.
 const MAX_CACHE_BYTES: u64 = 48 << 20;
-/// A texture used within this many calls may still be in flight. Choice.
+/// A texture used within this many calls may still be in flight. Choice: more than the frames that
+/// a compositor works on at once.
 const IN_FLIGHT_CALLS: u64 = 4;
-/// Margin around a footprint for its glow, metres.
+/// Margin around a footprint for its glow, metres. Choice: the shader's glow has faded to nothing
+/// there.
 const GLOW_MARGIN_M: f64 = 0.08;
-/// Height of footprints above the floor, metres.
+/// Height of footprints above the floor, metres. Choice: above the depth buffer's rounding,
+/// invisible as a step.
 const HEIGHT_ABOVE_FLOOR_M: f64 = 0.003;
-/// Footprint corners are rounded to this, metres.
+/// Footprint corners are rounded to this, metres. Choice: below the position error, so that noise
+/// in the positions does not redraw the texture.
 const CORNER_STEP_M: f64 = 0.005;
 
 /// What a quad shows.

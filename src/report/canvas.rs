@@ -6,6 +6,8 @@
 use super::Picture;
 use super::style::{PAPER, Rgb, font};
 
+/// Samples per pixel in each direction. Choice: smooth edges for four times the memory. `S`: the
+/// same as a number.
 const SCALE: usize = 2;
 const S: f64 = SCALE as f64;
 
@@ -122,6 +124,8 @@ impl Canvas {
 
     /// A straight line with round ends.
     pub fn line(&mut self, from: [f64; 2], to: [f64; 2], width_px: f64, color: Rgb) {
+        /// Longest piece of a slanted line, pixels. Choice: a long slanted line's bounding box
+        /// would cover the canvas.
         const PIECE: f64 = 60.0;
         let length = (to[0] - from[0]).hypot(to[1] - from[1]);
         if !length.is_finite() || length > 1e5 {

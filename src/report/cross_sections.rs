@@ -13,6 +13,8 @@ use super::plot::{BOTTOM_MARGIN, Plot};
 use super::style::{GRID, INK, LABEL_PX, MUTED, TICK_PX, TITLE_PX, short_number};
 use super::views::{VIEWS, View, plots, with_path};
 
+/// Width, and height of title and colour scales, pixels. Choice: three views side by side on a wide
+/// screen.
 const WIDTH: f64 = 1320.0;
 const TOP: f64 = 108.0;
 

@@ -13,6 +13,8 @@ use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{FALSE_INK, FOUND_INK, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TICK_PX, TITLE_PX, short_number};
 use super::views::{VIEWS, plots};
 
+/// Width, and height of title and time bar, pixels. Choice: as
+/// [`cross_sections`](super::cross_sections).
 const WIDTH: f64 = 1320.0;
 const TOP: f64 = 84.0;
 const COORDINATES: [(&str, Rgb); 3] = [("x, right", FALSE_INK), ("y, up", PATH_INK), ("z, back", FOUND_INK)];

@@ -8,8 +8,10 @@ use super::marks::{Symbol, legend_entry, legend_width};
 use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{GRID, HEADING_PX, INK, LABEL_PX, MUTED, PAPER, Rgb, TICK_PX, TITLE_PX, short_number};
 
+/// Width and height, pixels. Choice: a chart with a key beside it.
 const SIZE: [f64; 2] = [1240.0, 720.0];
-/// Width of the key, pixels.
+/// Width of the key, pixels. Choice: the longest label of the benchmark's variants in small
+/// letters.
 const KEY_PX: f64 = 400.0;
 
 /// Symbol of a variant.

@@ -14,6 +14,8 @@ use super::marks::{Marks, legend_row};
 use super::style::{INK, LABEL_PX, MUTED, Rgb, TICK_PX, TITLE_PX, short_number, tick_text, ticks};
 use super::views::{drawable, with_path};
 
+/// Layout and colours, pixels. Choice: one picture of a report; dark, because bright balls stand
+/// out on it.
 const WIDTH: f64 = 960.0;
 const HEIGHT: f64 = 800.0;
 const SCENE: Rect = Rect { x: 14.0, y: 78.0, width: 846.0, height: 708.0 };
@@ -21,7 +23,8 @@ const GROUND: Rgb = [22, 25, 34];
 const GROUND_GRID: Rgb = [62, 69, 84];
 const EDGE: Rgb = [112, 122, 142];
 const LETTERS: Rgb = [206, 213, 224];
-/// Beyond this number of points, the weakest are skipped: they would hide each other. Choice.
+/// Beyond this number of points, the weakest are skipped: they would hide each other. Choice: more
+/// than 13 points would share each 100 pixels.
 const MAX_POINTS: usize = 40_000;
 
 /// Centres and values of the voxels with at least `share` of the peak, in the order of the volume.

@@ -15,6 +15,7 @@ use super::score::{Limits, Verdict, verdict};
 use super::style::{FALSE_INK, FOUND_INK, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TICK_PX, TITLE_PX, short_number};
 use super::views::drawable;
 
+/// Heights and widths of title and legend, pixels. Choice: one title; the legend's longest line.
 const TOP: f64 = 58.0;
 const LEGEND_WIDTH: f64 = 290.0;
 

@@ -9,9 +9,10 @@ use radar_sar::geometry::Aabb;
 use super::canvas::Rect;
 use super::plot::{LEFT_MARGIN, Plot};
 
-/// Gap between a plot and the next one's labels, pixels.
+/// Gap between a plot and the next one's labels, pixels. Choice: numbers of neighbouring axes do
+/// not touch.
 const GAP: f64 = 16.0;
-/// Smallest width of a plot including its labels, pixels.
+/// Smallest width of a plot including its labels, pixels. Choice: a heading and three ticks fit.
 const MIN_SLOT_PX: f64 = 180.0;
 
 /// A projection direction.

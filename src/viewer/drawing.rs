@@ -54,9 +54,11 @@ pub struct Drawing {
     pub transparent_faces: Vec<Face>,
 }
 
-/// Direction towards the light.
+/// Direction towards the light. Choice: from above and the front right, so that all faces of a box
+/// differ.
 const LIGHT: DVec3 = DVec3::new(0.35, 0.85, 0.4);
-/// Rings and segments of a ball's mesh.
+/// Rings and segments of a ball's mesh. Choice: it looks round at the size of an obstacle; a
+/// hundred balls are 40 000 triangles.
 const RINGS: u32 = 10;
 const SEGMENTS: u32 = 20;
 

@@ -18,17 +18,19 @@ use radar_mapping::{Evidence, Scene};
 use radar_sar::TimeOffset;
 use radar_sar::geometry::{Aabb, Pose};
 
-/// Limit of scenes.
+/// Limit of scenes. Choice: 17 minutes at four updates a second; of longer recordings every second
+/// one is kept.
 const SCENES: usize = 4096;
-/// Limit of evidence images.
+/// Limit of evidence images. Choice: one every eight seconds of these 17 minutes; images are the
+/// largest entries.
 const IMAGES: usize = 128;
-/// Limit of voxels per evidence image.
+/// Limit of voxels per evidence image. Choice: 300 kB an image; more points would hide each other.
 pub const VOXELS: usize = 20_000;
-/// Limit of head poses.
+/// Limit of head poses. Choice: four poses for each scene, a smooth path.
 const HEADS: usize = 16_384;
-/// Limit of frame times.
+/// Limit of frame times. Choice: four hours of d16, 8 MB.
 const FRAMES: usize = 1 << 20;
-/// Limit of marks.
+/// Limit of marks. Choice: as many as the timeline has pixels.
 const MARKS: usize = 1024;
 
 /// MapperCounters and time offset at one time.

@@ -2,9 +2,9 @@
 
 use egui::{Rect, Vec2, vec2};
 
-/// Gap between two labels, pixels.
+/// Gap between two labels, pixels. Choice: borders stay distinguishable.
 const GAP: f32 = 1.0;
-/// Limit of stacked labels.
+/// Limit of stacked labels. Choice: a higher stack would leave the mark it belongs to.
 const STEPS: usize = 8;
 
 /// Areas that are taken by labels.

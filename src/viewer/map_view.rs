@@ -23,7 +23,8 @@ pub enum Cut {
     Selected,
 }
 
-/// Margins for labels around each plot, egui points: left, top, right, bottom.
+/// Margins for labels around each plot, egui points: left, top, right, bottom. Choice: one number
+/// and one line of text.
 const MARGINS: [f32; 4] = [44.0, 24.0, 8.0, 34.0];
 
 /// The inputs from which the current maps were made.
@@ -200,6 +201,8 @@ fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, 
 /// Draws a ring with a number for each mark, the selected one first. Numbers without room are
 /// omitted.
 fn numbered(painter: &egui::Painter, marks: impl Iterator<Item = (u64, Pos2)>, selected: Option<u64>) {
+    /// Radius of an obstacle's mark, egui points. Choice: easy to click, smaller than a chair at a
+    /// room's scale.
     const RADIUS: f32 = 5.0;
     let mut marks: Vec<_> = marks.collect();
     marks.sort_by_key(|(id, _)| (selected != Some(*id), *id));

@@ -8,9 +8,10 @@ use radar_mapping::Evidence;
 use radar_sar::Volume;
 use radar_sar::geometry::Aabb;
 
-/// Half thickness of a slab, metres.
+/// Half thickness of a slab, metres. Choice: a chair fits the slab, and little else.
 pub const SLAB_HALF_M: f64 = 0.25;
-/// Limit of cells along an axis.
+/// Limit of cells along an axis. Choice: about as many as pixels on the screen; more cells cost
+/// time at every update.
 const CELLS: f64 = 320.0;
 
 /// A projection direction. Right and up match the views of the room.

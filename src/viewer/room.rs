@@ -13,19 +13,25 @@ use radar_mapping::{Evidence, MovingTarget, Observed, Obstacle, Wall};
 use radar_sar::eigen;
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// The path is bright for this time, seconds.
+/// The path is bright for this time, seconds. Choice: the mapper's window: the path that the newest
+/// detections come from.
 const RECENT_S: f64 = 4.0;
-/// Walls extend this far beyond where they were observed, metres.
+/// Walls extend this far beyond where they were observed, metres. Choice: walls that meet in a
+/// corner do so in the picture.
 const WALL_MARGIN_M: f64 = 0.4;
-/// Upper edge of walls with unknown height, metres.
+/// Upper edge of walls with unknown height, metres. Choice: as high as the headset's warnings of
+/// walls.
 const WALL_HEIGHT_M: f64 = 2.2;
-/// Number of colour steps of the evidence.
+/// Number of colour steps of the evidence. Choice: a few colours are easier to distinguish, and as
+/// many as the colour map has visibly different ones.
 const SHADES: f64 = 12.0;
 /// Uncertainty is drawn at this many standard deviations, with limits of the radius, metres.
+/// Choice: 95 % of a normal error along an axis; the radius stays visible and inside the room.
 const SIGMAS: f64 = 2.0;
 const MAX_RADIUS_M: f64 = 0.7;
 const MIN_RADIUS_M: f64 = 0.008;
-/// Share of its colour for an object from the saved map that was not detected again yet.
+/// Share of its colour for an object from the saved map that was not detected again yet. Choice:
+/// clearly fainter, still visible.
 const RESTORED_ALPHA: f32 = 0.4;
 
 /// Draws a moment. `bounds`: the displayed box. `top_score`: the end of the evidence colour scale.
@@ -155,6 +161,7 @@ fn obstacle(drawing: &mut Drawing, obstacle: &Obstacle, is_selected: bool) {
 /// The part of the range sphere on which the target may be, the wedge in which it was observed, and
 /// an arrow of its radial motion within one second.
 fn moving(drawing: &mut Drawing, moving: &MovingTarget) {
+    /// Corners of a quarter turn; half as many rings. Choice: it looks round.
     const PARTS: i32 = 8;
     let color = |alpha: f32| rgba(style::MOVING, alpha);
     let half_rad = moving.half_width_rad();

@@ -13,7 +13,8 @@ use super::style;
 use radar_mapping::{MovingTarget, Obstacle};
 use radar_sar::geometry::{Aabb, Plane};
 
-/// Number of obstacles that are labelled with their distance.
+/// Number of obstacles that are labelled with their distance. Choice: more labels would cover the
+/// room.
 const MAX_FULL_LABELS: usize = 6;
 
 /// Content of the view.
@@ -198,6 +199,7 @@ fn legend(painter: &egui::Painter, area: Rect, shown: &ViewContent) {
 
 /// A horizontal colour scale.
 pub fn color_bar(painter: &egui::Painter, bar: Rect, color: impl Fn(f64) -> Color32) {
+    /// Parts of the colour scale. Choice: steps too small to see.
     const PARTS: u16 = 64;
     for n in 0..PARTS {
         let x = |n: u16| bar.left() + bar.width() * f32::from(n) / f32::from(PARTS);

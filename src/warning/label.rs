@@ -1,13 +1,14 @@
 //! Distance label of a panel: in steps of 10 cm, held while nearly right, so that the panel's
 //! texture changes rarely.
 
-/// Step of the labels, metres. Choice.
+/// Step of the labels, metres. Choice: the accuracy of the body model; finer digits would flicker.
 const STEP_M: f64 = 0.1;
-/// A label stays while its error is below this, metres. Choice.
+/// A label stays while its error is below this, metres. Choice: more than half a step, so that a
+/// head's sway does not alternate two labels.
 const MAX_LABEL_ERROR_M: f64 = 0.08;
-/// Least time a label stays, nanoseconds. Choice.
+/// Least time a label stays, nanoseconds. Choice: a number that changes faster cannot be read.
 const MIN_LABEL_NS: i64 = 250_000_000;
-/// Largest label, metres. Choice.
+/// Largest label, metres. Choice: two digits fit the label; no obstacle is mapped that far away.
 const MAX_LABEL_M: f64 = 9.9;
 
 /// Rounded to the nearest step.

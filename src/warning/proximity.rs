@@ -10,9 +10,11 @@ use super::body_model::{BodyModel, Limb};
 use super::obstacle_body::ObstacleBody;
 use super::wearer::BodyPart;
 
-/// Largest shift of the near side by the position uncertainty, metres. Choice.
+/// Largest shift of the near side by the position uncertainty, metres. Choice: as much as a panel
+/// is moved; more would warn of obstacles a step away.
 const MAX_RANGE_MARGIN_M: f64 = 0.1;
-/// Least closing speed that gives a time to contact, m/s. Choice.
+/// Least closing speed that gives a time to contact, m/s. Choice: slower approaches are the sway of
+/// a standing body.
 const MIN_CLOSING_M_PER_S: f64 = 0.1;
 
 /// Distance of a hazard to one body part.

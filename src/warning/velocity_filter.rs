@@ -8,7 +8,8 @@ use glam::DVec3;
 
 use radar_sar::math;
 
-/// A longer pause restarts the filter, nanoseconds. Choice.
+/// A longer pause restarts the filter, nanoseconds. Choice: longer than a lost frame or two,
+/// shorter than a head takes to turn round.
 const MAX_PAUSE_NS: i64 = 250_000_000;
 
 /// Velocity of one point.

@@ -27,26 +27,35 @@ use radar_mapping::{Scene, Wall};
 /// Movement or growth that applies at once, metres. Choice: more than the voxel edge, which is how
 /// far the image flickers.
 const IMMEDIATE_CHANGE_M: f64 = 0.075;
-/// A geometry is kept for this time although a good part differs, nanoseconds. Choice.
+/// A geometry is kept for this time although a good part differs, nanoseconds. Choice: two updates
+/// of the map, of which the second confirms the change.
 const HOLD_NS: i64 = 500_000_000;
-/// A geometry is kept for this time when little differs, nanoseconds. Choice.
+/// A geometry is kept for this time when little differs, nanoseconds. Choice: eight updates;
+/// redrawing for a few voxels would make outlines crawl.
 const LONG_HOLD_NS: i64 = 2_000_000_000;
-/// Small difference: share of the points that only one of the two has. Choice.
+/// Small difference: share of the points that only one of the two has. Choice: noise changes voxels
+/// at the edges; a part that moved or was added changes more than a quarter.
 const SMALL_DIFFERENCE: f64 = 0.25;
-/// An obstacle with a new id within this distance of a removed one is the same, metres. Choice.
+/// An obstacle with a new id within this distance of a removed one is the same, metres. Choice:
+/// farther than a detection lies off, nearer than two pieces of furniture stand.
 const SAME_OBSTACLE_M: f64 = 0.25;
-/// Cosine above which the normals of two walls are the same (8°). Choice.
+/// Cosine above which the normals of two walls are the same (8°). Choice: above the 6° by which a
+/// new wall's direction may be off, below any corner's angle.
 const SAME_WALL_COSINE: f64 = 0.99;
-/// Duration assumed for the first frame and for one after a pause, seconds. Choice.
+/// Duration assumed for the first frame and for one after a pause, seconds. Choice: a frame at 90
+/// Hz.
 const FIRST_FRAME_S: f64 = 0.011;
-/// Longest duration counted for a frame, seconds, so that nothing flashes after a stall. Choice.
+/// Longest duration counted for a frame, seconds, so that nothing flashes after a stall. Choice:
+/// half of the rise from dark to full.
 const MAX_FRAME_S: f64 = 0.05;
-/// After a longer pause all warnings start dark, nanoseconds. Choice.
+/// After a longer pause all warnings start dark, nanoseconds. Choice: the wearer has moved on; old
+/// brightnesses mean nothing.
 const PAUSE_NS: i64 = 500_000_000;
 /// Limit of the summed brightness change of all panels per second: one and a half panels at full
-/// rise. Choice.
+/// rise. Choice: more would be a flash of the whole view, as when a room's map is restored.
 const MAX_TOTAL_CHANGE_PER_S: f64 = 15.0;
-/// Bonus that keeps a shown warning among the eight against slightly more urgent ones. Choice.
+/// Bonus that keeps a shown warning among the eight against slightly more urgent ones. Choice: more
+/// than urgencies vary by sway, less than one step towards an obstacle.
 const SHOWN_BONUS: f64 = 0.1;
 
 /// Tracks the warnings of a scene. Deterministic: the same scenes and wearers in the same order
