@@ -17,12 +17,14 @@ use radar_mapping::{Observer, ObserverSettings};
 use radar_sar::subaperture::{MtiFilter, Subaperture, SubapertureBuilder};
 use radar_simulation::{PlaySession, Session};
 
-/// A person within this range, metres, and from this two-way amplitude on is to be shown.
+/// A person within this range, metres, and from this two-way amplitude on is to be shown. Choice: a
+/// person within two steps, and inside the mapper's beam.
 const NEAR_M: f64 = 2.5;
 const AMPLITUDE: f64 = 0.25;
 /// Maximum range difference to one of a person's parts for a correct report, metres; minimum
 /// difference for a false one, metres; time for which a person's former positions still count,
-/// seconds. Choice.
+/// seconds. Choice: a chest's depth and the pulse's half width; between right and false lies a
+/// margin; as long as a track coasts.
 const RIGHT_M: f64 = 0.35;
 const FALSE_M: f64 = 0.5;
 const AFTER_S: f64 = 1.2;

@@ -14,10 +14,11 @@ use radar_chaperone::warning::{Style, WarningSettings, WarningTracker, Warnings,
 use radar_mapping::{Observed, Obstacle, Scene, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// Size of one eye's picture, pixels.
+/// Size of one eye's picture, pixels. Choice: four styles fit a page's width.
 const WIDTH: u32 = 340;
 const HEIGHT: u32 = 360;
-/// Gap between pictures, and height of the style names above them, pixels.
+/// Gap between pictures, and height of the style names above them, pixels. Choice: one line of
+/// text.
 const GAP: u32 = 6;
 const HEAD: u32 = 34;
 

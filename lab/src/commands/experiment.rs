@@ -29,7 +29,7 @@ pub struct ExperimentCommand {
     seeds: u64,
 }
 
-/// Steps of the progress bar per experiment.
+/// Steps of the progress bar per experiment. Choice: per cent.
 const STEPS: u64 = 100;
 
 impl ExperimentCommand {

@@ -24,7 +24,7 @@ use radar_sar::subaperture::{
 use radar_sar::{TimeOffsetEstimator, TimeOffsetSettings};
 use radar_simulation::{Scenario, ScenarioError, Simulated};
 
-/// Each stage is repeated; the shortest counts.
+/// Repetitions of each stage, of which the shortest counts. Choice: two may both be disturbed.
 const REPETITIONS: usize = 3;
 
 /// A simulated recording whose processing is timed.

@@ -27,14 +27,17 @@ use radar_sar::subaperture::{
 use radar_sar::{Beam, Observation};
 use radar_simulation::{Scenario, ScenarioError};
 
-/// Alarms nearer than this to each other are one, metres. Choice.
+/// Alarms nearer than this to each other are one, metres. Choice: six voxels, the width of a
+/// point's response across the range.
 pub const SAME_ALARM_M: f64 = 0.3;
-/// Alarms nearer than this in time are one, seconds. Choice; see [`SAME_ALARM_M`].
+/// Alarms nearer than this in time are one, seconds. Choice; see [`SAME_ALARM_M`]. Choice: four
+/// updates; see [`SAME_ALARM_M`].
 pub const SAME_ALARM_S: f64 = 1.0;
-/// Rate of alarms up to which they rarely merge, per hour. At five times as many, a quarter of them
-/// merge.
+/// Rate of alarms up to which they rarely merge, per hour. Choice: at five times as many, a quarter
+/// of them merge.
 const MAX_SEPARABLE_ALARMS_PER_H: f64 = 1000.0;
-/// Number of random points at which each sub-aperture's score on noise is sampled. Choice.
+/// Number of random points at which each sub-aperture's score on noise is sampled. Choice: enough
+/// for tails of 1e-5 within minutes, few enough to be nearly independent.
 const SAMPLES_PER_SUBAPERTURE: usize = 32;
 const BEAM: Beam = Beam::Lensless;
 

@@ -18,7 +18,8 @@ use glam::{DQuat, DVec3};
 use super::{GRAVITY_M_PER_S2, ImuSample};
 use radar_sar::geometry::Pose;
 
-/// Longest interval that one sample is used for, seconds (choice).
+/// Longest interval that one sample is used for, seconds. Choice: over a longer gap the motion is
+/// unknown; the filter coasts instead.
 pub(super) const MAX_INTERVAL_S: f64 = 0.1;
 
 /// State of a body.

@@ -15,9 +15,10 @@ use super::threshold::Thresholds;
 use a121::Profile;
 use radar_sar::math;
 
-/// Limit of the peaks per window.
+/// Limit of the peaks per window. Choice: more objects than scenes hold; bounds the work on noise.
 const MAX_REFLECTIONS: usize = 10;
-/// Peaks closer than this in range and speed are merged.
+/// Peaks closer than this in range, metres, and speed, m/s, are merged (source: the vendor's
+/// description).
 const MERGE_M: f64 = 0.05;
 const MERGE_M_PER_S: f64 = 0.05;
 

@@ -14,10 +14,11 @@ use radar_sar::{Beam, Observation};
 use radar_sar::{Oracle, PositionErrors, RangePower, oracle_volume, refine};
 
 pub(super) const BEAM: Beam = Beam::Lensless;
-/// Minimum range used by the refinement, metres: nearer lies the antenna's own leakage.
+/// Minimum range used by the refinement, metres: nearer lies the antenna's own leakage. Choice:
+/// nearer lies the antenna's own leakage.
 const MIN_RANGE_M: f64 = 0.15;
 /// A case is repeated up to this many times per recording, until it has run for `MAX_REPEAT_S`
-/// seconds. Choice.
+/// seconds. Choice: short cases need the minimum of several runs, long ones vary little.
 const MAX_REPEATS: usize = 5;
 const MAX_REPEAT_S: f64 = 0.05;
 

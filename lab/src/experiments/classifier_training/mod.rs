@@ -20,9 +20,11 @@ use radar_simulation::{PlaySession, Session};
 /// A detection nearer than this to a scatterer belongs to its object, metres. Choice: the play
 /// scorer uses the same limit.
 const OBJECT_RADIUS_M: f64 = 0.25;
-/// Detections within this of each other are the same place, metres. Choice.
+/// Detections within this of each other are the same place, metres. Choice: wider than detections
+/// of one part scatter, which must not count as independent.
 const MERGE_RADIUS_M: f64 = 0.25;
-/// Weight of a detection on a surface relative to one where nothing is. Choice.
+/// Weight of a detection on a surface relative to one where nothing is. Choice: a point on a wall
+/// is no obstacle of its own, yet nobody is misled by it as by one in free space.
 const SURFACE_WEIGHT: f64 = 0.3;
 /// Hyperparameters. The number of trees is the largest that still improved rooms held out of the
 /// training.

@@ -18,23 +18,26 @@ use radar_simulation::Scenario;
 
 /// Sweeps of one trial, as many as the thesis images.
 const SWEEPS: usize = 50;
-/// Maximum number of trials taken from a recording of noise.
+/// Maximum number of trials taken from a recording of noise. Choice: over all seeds hundreds, of
+/// which a rate of 1 % can be stated.
 const NOISE_TRIALS: usize = 60;
-/// Recordings whose paths calibrate the thresholds, and trials per path. How many sweeps see a
-/// point depends on the path.
+/// Recordings whose paths calibrate the thresholds, and trials per path. Choice: how many sweeps
+/// see a point depends on the path, so many paths count more than many trials.
 const PATHS: u64 = 12;
 const TRIALS_PER_PATH: usize = 10;
-/// Stated false-alarm rates per trial.
+/// Stated false-alarm rates per trial. Choice: from what one would notice to what one would accept,
+/// countable in hundreds of trials.
 const RATES: [f64; 2] = [0.1, 0.01];
 /// Presets whose detections are counted (presets of equal range points behave as `d16`), and the
 /// SNRs, dB.
 const DETECTION_PRESETS: [&str; 3] = ["d16", "far", "fine"];
 const SNRS_DB: [f64; 11] = [-12.0, -10.0, -8.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0];
-/// Trials taken from a recording with a reflector, and its duration, seconds.
+/// Trials taken from a recording with a reflector, and its duration, seconds. Choice: trials half a
+/// second apart are nearly independent.
 const REFLECTOR_TRIALS: usize = 8;
 const REFLECTOR_DURATION_S: f64 = 4.0;
-/// The default detection threshold of reflectors, standard deviations
-/// (`reflectors.threshold_sigma`).
+/// The detection threshold of reflectors, standard deviations. Source: the default of the setting
+/// `reflectors.threshold_sigma`.
 const DEFAULT_SIGMA: f64 = 7.0;
 /// Parts of the experiment's progress; `filters.rs` accounts for the first twenty.
 const PARTS: usize = 50;

@@ -14,9 +14,10 @@ use radar_sar::{PositionErrors, RangePower, Refined, Selection, Statistic, Volum
 
 /// The thesis' voxel edge (section 5.6), metres.
 pub(super) const THESIS_VOXEL_M: f64 = 0.1;
-/// Voxel edge of our search before refinement, metres. Choice.
+/// Voxel edge of our search before refinement, metres. Choice: below half the pulse's width, so
+/// that refinement starts at the right peak.
 const OWN_VOXEL_M: f64 = 0.05;
-/// Minimum range, metres: nearer lies the antenna's own leakage.
+/// Minimum range, metres. Choice: nearer lies the antenna's own leakage.
 pub(super) const MIN_RANGE_M: f64 = 0.15;
 pub(super) const BEAM: Beam = Beam::Lensless;
 
@@ -61,8 +62,8 @@ fn volume_of(beam: &Beam, sweeps: &[Observation], statistic: Statistic, voxel_m:
     dense_volume(&stack, &grid).volume
 }
 
-/// Power over the noise from which on a sweep sees an object: 10 dB, which noise reaches once in 20
-/// 000 times.
+/// Power over the noise from which on a sweep sees an object. Choice: 10 dB, which noise reaches
+/// once in 20 000 times.
 const SEEN_POWER: f64 = 10.0;
 
 /// Share of the sweeps that see at least one of the points.

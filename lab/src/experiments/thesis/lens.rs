@@ -28,7 +28,8 @@ const OBJECTS: [(&str, &str, Option<f64>); 3] = [
     ("chair", "chair, 40 dB", Some(SNR_DB)),
     ("chair", "chair, radar equation", None),
 ];
-/// Angles of the reflector off the boresight, degrees.
+/// Angles of the reflector off the boresight, degrees. Choice: from the lens' beam to far outside
+/// it; the number of sweeps is that of the thesis' job.
 const ANGLES_DEG: [f64; 7] = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0];
 const SWEEPS: usize = 50;
 /// Distance from the object beyond which the image counts as elsewhere, metres: two thesis voxels

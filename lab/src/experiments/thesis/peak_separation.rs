@@ -7,10 +7,10 @@ use glam::DVec3;
 
 use radar_sar::Volume;
 
-/// Maximum distance of an object's peak from one of its points, metres. Choice.
+/// Maximum distance of an object's peak from one of its points, metres. Choice: the pulse's width.
 const PEAK_RADIUS_M: f64 = 0.15;
-/// Rayleigh's criterion: two equal points are resolved when the power between them falls by this
-/// share.
+/// Physics: Rayleigh's criterion. Two equal points are resolved when the power between them falls
+/// by this share.
 pub(super) const RAYLEIGH_DIP: f64 = 0.265;
 
 /// Peaks of two objects in one image.

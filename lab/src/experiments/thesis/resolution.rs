@@ -16,14 +16,16 @@ use radar_sar::geometry::Aabb;
 use radar_sar::math;
 use radar_sar::{Selection, Statistic};
 
-/// Edges of the voxels and of the searched cubes, metres.
+/// Edges of the voxels and of the searched cubes, metres. Choice: from the thesis' voxel to a
+/// thirtieth of the pulse's width; from an arm's reach to a room.
 const VOXELS_M: [f64; 5] = [0.1, 0.05, 0.02, 0.01, 0.005];
 const CUBES_M: [f64; 4] = [1.0, 2.0, 3.0, 6.0];
 /// Edge of the thesis' cube, metres.
 const THESIS_CUBE_M: f64 = 3.0;
 const STATISTICS: [(Statistic, &str); 2] = [(Statistic::Thesis, "the thesis' sum"), (Statistic::Ls, "least squares")];
 const SWEEPS: usize = 50;
-/// Volumes with more voxels are not made: at four bytes each, 128 MiB. Choice.
+/// Volumes with more voxels are not made: at four bytes each, 128 MiB. Choice: larger ones would
+/// decide the experiment's memory and time.
 const MAX_DENSE_VOXELS: usize = 32 << 20;
 /// Volumes with more voxels are made from two recordings only. Choice: run time.
 const TWO_RECORDINGS_VOXELS: usize = 4 << 20;

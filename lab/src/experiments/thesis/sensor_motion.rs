@@ -20,7 +20,7 @@ const MOTIONS: [(&str, &str); 5] = [
 ];
 /// Number of sweeps that the thesis images.
 const SWEEPS: usize = 50;
-/// SNR of a weak target, dB: a hundredth of the reflector's power.
+/// SNR of a weak target, dB. Choice: a hundredth of the reflector's power.
 const WEAK_DB: f64 = 20.0;
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {

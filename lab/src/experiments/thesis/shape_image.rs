@@ -12,14 +12,17 @@ use radar_sar::Volume;
 use radar_sar::geometry::Aabb;
 use radar_sar::subaperture::{Subaperture, SubapertureBuilder, SubapertureSettings, fine_image};
 
-/// Edges of the tiles, of coarse voxels and of fine ones, metres.
+/// Edges of the tiles, of coarse voxels and of fine ones, metres. Choice: a tile is sixteen fine
+/// voxels wide, large enough to pay for its tables, small enough to follow a shape.
 const TILE_M: f64 = 0.2;
 const COARSE_VOXEL_M: f64 = 0.05;
 pub(super) const FINE_VOXEL_M: f64 = 0.0125;
 const FINE_IN_TILE: usize = 16;
-/// Tiles with this share of the greatest coarse power are imaged finely: −10 dB. Choice.
+/// Tiles with this share of the greatest coarse power are imaged finely: −10 dB. Choice: −10 dB, as
+/// deep as a shape is drawn.
 const MIN_TILE_SHARE: f32 = 0.1;
-/// Sub-apertures of 90 ms in one coherent sum: 360 ms, over which tracking drift is negligible.
+/// Sub-apertures of 90 ms in one coherent sum. Choice: 360 ms, over which tracking drift is
+/// negligible.
 const SUBAPERTURES_PER_GROUP: usize = 4;
 
 /// Amplitude (root of the power, noise at most 1) by sub-apertures, 0 where nothing is imaged;

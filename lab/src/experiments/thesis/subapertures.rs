@@ -16,13 +16,16 @@ use radar_sar::{Beam, Observation};
 use radar_sar::{Statistic, Volume};
 use radar_simulation::{Scenario, TrackingErrors};
 
-/// Two seconds of preset fine, 240 sweeps; numbers of sweeps per coherent sum.
+/// Two seconds of preset fine, 240 sweeps; numbers of sweeps per coherent sum. Choice: those of the
+/// accuracy study.
 const DURATION_S: f64 = 2.0;
 const LENGTHS: [(usize, &str); 4] = [(1, "1: least squares"), (12, "12"), (40, "40"), (usize::MAX, "all: coherent")];
 /// Half edge of the box around the truth that is searched for the peak, and its voxel edge, metres.
+/// Choice: more than the errors; half the width of the narrowest peak.
 const AROUND_M: f64 = 0.04;
 const VOXEL_M: f64 = 2e-3;
-/// Widths are measured up to this far on either side, metres.
+/// Widths are measured up to this far on either side, metres. Choice: the widest, incoherent peak
+/// is half a metre wide.
 const REACH_M: f64 = 0.6;
 const BEAM: Beam = Beam::Lensless;
 

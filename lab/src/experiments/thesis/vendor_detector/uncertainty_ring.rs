@@ -31,6 +31,7 @@ pub(super) fn ring(sight: &WindowWithTruth, place: DVec3, right: DetectorAccurac
     let along = sight.sensor.velocity_m_per_s.normalize_or(DVec3::Z);
     let (a, b) = along.any_orthonormal_pair();
     let sin = (1.0 - cos * cos).max(0.0).sqrt();
+    /// Corners of the drawn ring. Choice: it looks round.
     const PARTS: usize = 180;
     let on_ring = |n: usize| {
         let (y, x) = math::sin_cos(n as f64 / PARTS as f64 * std::f64::consts::TAU);
