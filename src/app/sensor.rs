@@ -120,9 +120,9 @@ impl SensorStream {
     ///
     /// # Errors
     /// The port does not open; the set-up is invalid.
-    pub fn open(setup: Setup, place: &Candidate, options: &StreamOptions) -> Result<Self, StreamError> {
-        let line = Line::open(&place.address)?;
-        let session = Session::new(setup, place.link(options.baud), now_ns())?;
+    pub fn open(setup: Setup, candidate: &Candidate, options: &StreamOptions) -> Result<Self, StreamError> {
+        let line = Line::open(&candidate.address)?;
+        let session = Session::new(setup, candidate.link(options.baud), now_ns())?;
         let shared = Arc::new(Shared {
             queue: Queue::new([options.max_results, MAX_LOGS, MAX_OTHERS]),
             counters: Mutex::default(),
@@ -131,7 +131,7 @@ impl SensorStream {
         let reader = Reader {
             session,
             line: Some(line),
-            place: place.clone(),
+            place: candidate.clone(),
             shared: Arc::clone(&shared),
             buffer: vec![0; READ_BYTES],
             start_ns: now_ns(),

@@ -89,16 +89,16 @@ impl SessionOptions {
     /// Connects to SteamVR; `None`: asked to stop while waiting. Never starts SteamVR, which a
     /// session that draws would do.
     fn connect(&self, stop: &AtomicBool) -> Result<Option<Runtime>> {
-        let mut told = None;
+        let mut printed = None;
         while !stop.load(Ordering::Relaxed) {
-            let place = RuntimePaths::find()?;
-            let there = Runtime::start(&place, Role::Background).map(drop);
-            match there.and_then(|()| Runtime::start(&place, Role::Overlay)) {
+            let paths = RuntimePaths::find()?;
+            let there = Runtime::start(&paths, Role::Background).map(drop);
+            match there.and_then(|()| Runtime::start(&paths, Role::Overlay)) {
                 Ok(runtime) => return Ok(Some(runtime)),
                 Err(error) if !(self.wait && is_transient(&error)) => return Err(error.into()),
-                Err(error) if told.as_ref() != Some(&error) => {
+                Err(error) if printed.as_ref() != Some(&error) => {
                     outln!("Waiting for SteamVR: {error}")?;
-                    told = Some(error);
+                    printed = Some(error);
                 }
                 Err(_) => {}
             }

@@ -92,8 +92,8 @@ impl Record {
         if self.no_poses || self.poses.is_some() {
             return None;
         }
-        let place = RuntimePaths::find().ok()?;
-        match Runtime::start(&place, Role::Background) {
+        let paths = RuntimePaths::find().ok()?;
+        match Runtime::start(&paths, Role::Background) {
             Ok(runtime) => Some(runtime),
             Err(error) => {
                 log::info!("SteamVR provides no poses: {error}");

@@ -16,8 +16,8 @@ pub(super) fn pose(matrix: &HmdMatrix34_t) -> Option<Pose> {
     let turn = DMat3::from_cols(column(0), column(1), column(2));
     let away = turn.transpose() * turn - DMat3::IDENTITY;
     let is_turn = away.to_cols_array().iter().all(|v| v.abs() <= ORTHONORMALITY_TOLERANCE) && turn.determinant() > 0.0;
-    let place = column(3);
-    (is_turn && place.is_finite()).then(|| Pose::new(place, DQuat::from_mat3(&turn)))
+    let translation = column(3);
+    (is_turn && translation.is_finite()).then(|| Pose::new(translation, DQuat::from_mat3(&turn)))
 }
 
 /// The matrix of a pose.

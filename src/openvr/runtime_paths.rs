@@ -126,9 +126,9 @@ mod tests {
             "first",
             "\u{feff}{\"runtime\": [\"FOLDER/SteamVR\", \"/other\"], \"config\": [\"/c\"], \"version\": 1}",
         );
-        let place = RuntimePaths::find_with(variable).unwrap();
-        assert_eq!(place.runtime, folder.join("SteamVR"));
-        assert_eq!(place.config, Some(PathBuf::from("/c")));
+        let paths = RuntimePaths::find_with(variable).unwrap();
+        assert_eq!(paths.runtime, folder.join("SteamVR"));
+        assert_eq!(paths.config, Some(PathBuf::from("/c")));
         fs::remove_dir_all(folder).unwrap();
     }
 
@@ -158,14 +158,14 @@ mod tests {
 
     #[test]
     fn unusable_registry_errors_state_the_reason() {
-        for (name, list, says) in [
+        for (name, list, message) in [
             ("json", "runtime = 1", "expected value"),
             ("none", "{\"runtime\": []}", "names no runtime"),
             ("kind", "{\"runtime\": [7]}", "names no runtime"),
         ] {
             let (folder, variable) = installed(name, list);
             let error = RuntimePaths::find_with(variable).unwrap_err().to_string();
-            assert!(error.contains(says), "{error}");
+            assert!(error.contains(message), "{error}");
             fs::remove_dir_all(folder).unwrap();
         }
     }

@@ -12,7 +12,7 @@ const SIZE: [f32; 2] = [236.0, 56.0];
 const CONFIRM_WITHIN_S: f64 = 5.0;
 
 /// Position: upper right corner of the plan.
-pub(super) fn place(plan: Rect) -> Rect {
+pub(super) fn area(plan: Rect) -> Rect {
     let [width, height] = SIZE;
     Rect::from_min_size(pos2(plan.max.x - 16.0 - width, plan.min.y + 16.0), vec2(width, height))
 }

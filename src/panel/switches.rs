@@ -204,9 +204,9 @@ pub(super) fn targets(area: Rect, settings: &toml::Table) -> Vec<(String, Rect)>
 fn rows(area: Rect, settings: &toml::Table) -> Vec<(&'static Switch, &toml::Value, Rect)> {
     let there: Vec<_> = SWITCHES.iter().filter_map(|switch| Some((switch, value_of(settings, switch.name)?))).collect();
     let height = ((area.height() + GAP) / there.len().max(1) as f32 - GAP).clamp(MIN_ROW_HEIGHT, MAX_ROW_HEIGHT);
-    let place =
+    let area_of =
         |n: usize| Rect::from_min_size(area.min + vec2(0.0, n as f32 * (height + GAP)), vec2(area.width(), height));
-    there.into_iter().enumerate().map(|(n, (switch, value))| (switch, value, place(n))).collect()
+    there.into_iter().enumerate().map(|(n, (switch, value))| (switch, value, area_of(n))).collect()
 }
 
 /// The parts of a control, with their positions at the right of a row.

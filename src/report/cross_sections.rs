@@ -88,7 +88,7 @@ pub fn cross_sections(volume: &Volume, title: &str, quantity: &str, marks: &Mark
         let sums = accumulate(volume, view.along());
         let range = sums.range().unwrap_or([0.0, 0.0]);
         heat_map(&mut canvas, plot, view, volume, &sums, range);
-        canvas.clipped(plot.area, |canvas| marks.draw(canvas, |place| plot.at(view.project(place))));
+        canvas.clipped(plot.area, |canvas| marks.draw(canvas, |point| plot.at(view.project(point))));
         let [heading, x_label, y_label] = view.labels();
         plot.axes(&mut canvas, heading, x_label, y_label);
         let bar = Rect::new(plot.area.x, plot.area.bottom() + BOTTOM_MARGIN + 10.0, plot.area.width, 12.0);

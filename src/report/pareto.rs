@@ -207,8 +207,8 @@ impl TradeOff {
             let [price, error] = point.at.map(short_number);
             canvas.disc([left + 11.0, y + 8.0], 11.0, color_of(series, &point.series));
             canvas.text([left + 11.0, y + 8.0], Align::Center, &text, TICK_PX, PAPER);
-            let told = format!("{price} {}, {error} {}", self.x_unit, self.y_unit);
-            canvas.text([left + 30.0, y], Align::Left, &told, LABEL_PX, INK);
+            let figures = format!("{price} {}, {error} {}", self.x_unit, self.y_unit);
+            canvas.text([left + 30.0, y], Align::Left, &figures, LABEL_PX, INK);
             canvas.text_fitted([left + 30.0, y + 18.0], Align::Left, &point.label, TICK_PX, KEY_PX - 40.0, MUTED);
             y += spacing;
         }

@@ -30,7 +30,7 @@ pub enum View {
 pub const VIEWS: [View; 3] = [View::Side, View::Top, View::Front];
 
 impl View {
-    /// The axis that is looked along: 0, 1, 2 for x, y, z.
+    /// The axis of the view: 0, 1, 2 for x, y, z.
     pub fn along(self) -> usize {
         match self {
             Self::Side => 0,
@@ -40,11 +40,11 @@ impl View {
     }
 
     /// Coordinates of a point on the horizontal and the vertical axis, metres.
-    pub fn project(self, place: DVec3) -> [f64; 2] {
+    pub fn project(self, point: DVec3) -> [f64; 2] {
         match self {
-            Self::Side => [-place.z, place.y],
-            Self::Top => [-place.z, place.x],
-            Self::Front => [place.x, place.y],
+            Self::Side => [-point.z, point.y],
+            Self::Top => [-point.z, point.x],
+            Self::Front => [point.x, point.y],
         }
     }
 

@@ -229,8 +229,8 @@ impl App {
             self.room_request = Some(RoomRequest { eye, drawing, size: left.size() });
         }
         if share < 1.0 {
-            let place = UiBuilder::new().max_rect(right.shrink(8.0));
-            ui.scope_builder(place, |ui| self.maps.show(ui, &shown));
+            let builder = UiBuilder::new().max_rect(right.shrink(8.0));
+            ui.scope_builder(builder, |ui| self.maps.show(ui, &shown));
         }
     }
 

@@ -127,8 +127,8 @@ impl Camera {
             Some(head) => Eye { tracking_from_eye: *head, fov_rad: HEAD_FOV_RAD, aspect },
             None => {
                 let rotation = self.rotation();
-                let place = self.target_m + rotation * DVec3::Z * self.distance_m;
-                Eye { tracking_from_eye: Pose::new(place, rotation), fov_rad: ORBIT_FOV_RAD, aspect }
+                let position = self.target_m + rotation * DVec3::Z * self.distance_m;
+                Eye { tracking_from_eye: Pose::new(position, rotation), fov_rad: ORBIT_FOV_RAD, aspect }
             }
         }
     }
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn named_views_have_expected_directions() {
-        let from = |view, place| Camera::of(view, DVec3::ZERO, 2.0).eye(None, 1.0).project(place).unwrap();
+        let from = |view, point| Camera::of(view, DVec3::ZERO, 2.0).eye(None, 1.0).project(point).unwrap();
         let ahead = from(View::Above, DVec3::NEG_Z);
         assert!(ahead.y < 0.4 && (ahead.x - 0.5).abs() < 1e-6, "from above ahead is up: {ahead}");
         assert!(from(View::Above, DVec3::X).x > 0.6, "and right is right");
@@ -210,7 +210,7 @@ mod tests {
         for (view, aspect) in [(View::Overview, 1.6), (View::Above, 1.0), (View::Side, 0.6)] {
             let eye = Camera::fitting(view, &bounds, aspect).eye(None, aspect);
             let corners = (0..8).map(|n| DVec3::new([-2.0, 2.0][n & 1], [0.0, 2.5][n >> 1 & 1], [-2.5, 2.5][n >> 2]));
-            let farthest = corners.map(|place| (eye.project(place).unwrap() - 0.5).abs().max_element());
+            let farthest = corners.map(|point| (eye.project(point).unwrap() - 0.5).abs().max_element());
             let farthest = farthest.fold(0.0, f64::max);
             assert!((farthest - FIT_SHARE).abs() < 0.01, "{view:?}: {farthest}");
         }

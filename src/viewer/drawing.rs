@@ -71,11 +71,11 @@ impl Drawing {
     }
 
     /// Adds lines from each point to the next.
-    pub fn polyline(&mut self, places_m: impl IntoIterator<Item = DVec3>, width_px: f32, color: Color) {
+    pub fn polyline(&mut self, points_m: impl IntoIterator<Item = DVec3>, width_px: f32, color: Color) {
         let mut before = None;
-        for place in places_m {
-            if let Some(before) = before.replace(place) {
-                self.line(before, place, width_px, color);
+        for point in points_m {
+            if let Some(before) = before.replace(point) {
+                self.line(before, point, width_px, color);
             }
         }
     }
@@ -203,7 +203,7 @@ mod tests {
         let mut drawing = Drawing::default();
         drawing.solid_ball(DVec3::ONE, &axes, WHITE);
         drawing.transparent_ball(DVec3::ONE, &axes, WHITE);
-        let on_ball = |place: DVec3| ((axes.inverse() * (place - DVec3::ONE)).length() - 1.0).abs() < 1e-9;
+        let on_ball = |point: DVec3| ((axes.inverse() * (point - DVec3::ONE)).length() - 1.0).abs() < 1e-9;
         assert!(drawing.faces.iter().chain(&drawing.transparent_faces).flat_map(|f| f.corners_m).all(on_ball));
         assert!(drawing.lines.iter().all(|line| on_ball(line.from_m) && on_ball(line.to_m)));
     }

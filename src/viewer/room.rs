@@ -132,8 +132,8 @@ fn wall(drawing: &mut Drawing, wall: &Wall, bounds: &Aabb) {
 fn truth(drawing: &mut Drawing, about: &RecordingInfo) {
     let Some(truth) = &about.truth else { return };
     let color = rgba(style::TRUTH, 1.0);
-    for place in truth.obstacles.iter().flat_map(|obstacle| &obstacle.points_m) {
-        drawing.point(*place, 0.022, color);
+    for point in truth.obstacles.iter().flat_map(|obstacle| &obstacle.points_m) {
+        drawing.point(*point, 0.022, color);
     }
     for wall in &truth.walls {
         drawing.box_edges(&Pose::IDENTITY, &wall.extent, 1.0, rgba(style::TRUTH, 0.45));
@@ -141,11 +141,11 @@ fn truth(drawing: &mut Drawing, about: &RecordingInfo) {
 }
 
 fn evidence(drawing: &mut Drawing, evidence: &Evidence, least: f32, top: f32) {
-    for &(place, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
+    for &(point, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
         let share = f64::from(((score - least) / (top - least).max(1e-6)).clamp(0.0, 1.0));
         // A few discrete colours are easier to distinguish.
         let color = rgba(style::evidence((share * SHADES).round() / SHADES), 1.0);
-        drawing.point(place.as_dvec3(), evidence.voxel_m * (0.10 + 0.22 * share), color);
+        drawing.point(point.as_dvec3(), evidence.voxel_m * (0.10 + 0.22 * share), color);
     }
 }
 
@@ -182,9 +182,9 @@ fn moving(drawing: &mut Drawing, moving: &MovingTarget) {
     drawing.polyline(moving.arc_m(), 3.0, color(1.0));
     let from = moving.seen_from.translation;
     [-half_rad, half_rad].into_iter().for_each(|edge| drawing.line(from, moving.place_m(edge, 0.0), 1.0, color(0.5)));
-    let (place, way) = (moving.position_m(), moving.seen_from.forward() * moving.speed_m_per_s);
-    drawing.point(place, 0.03, color(1.0));
-    drawing.line(place, place + way, 2.5, color(1.0));
+    let (position, way) = (moving.position_m(), moving.seen_from.forward() * moving.speed_m_per_s);
+    drawing.point(position, 0.03, color(1.0));
+    drawing.line(position, position + way, 2.5, color(1.0));
 }
 
 /// Half axes of the 2σ ellipsoid, as columns.
@@ -232,16 +232,16 @@ fn headset(drawing: &mut Drawing, tracking_from_head: &Pose) {
     let turn = DMat3::from_quat(tracking_from_head.rotation);
     let skull = tracking_from_head.transform_point(DVec3::new(0.0, 0.005, 0.095));
     drawing.solid_ball(skull, &(turn * DMat3::from_diagonal(DVec3::new(0.078, 0.105, 0.098))), rgba(style::TRUTH, 1.0));
-    let block = |low: [f64; 3], high: [f64; 3]| Aabb { min: low.into(), max: high.into() };
+    let aabb = |low: [f64; 3], high: [f64; 3]| Aabb { min: low.into(), max: high.into() };
     let shell = [0.86, 0.88, 0.91, 1.0];
-    drawing.solid_box(tracking_from_head, &block([-0.09, -0.05, -0.06], [0.09, 0.05, 0.03]), shell);
+    drawing.solid_box(tracking_from_head, &aabb([-0.09, -0.05, -0.06], [0.09, 0.05, 0.03]), shell);
     drawing.solid_box(
         tracking_from_head,
-        &block([-0.082, -0.042, -0.066], [0.082, 0.042, -0.06]),
+        &aabb([-0.082, -0.042, -0.066], [0.082, 0.042, -0.06]),
         [0.1, 0.12, 0.15, 1.0],
     );
-    drawing.solid_box(tracking_from_head, &block([-0.096, -0.014, 0.0], [-0.074, 0.02, 0.16]), shell);
-    drawing.solid_box(tracking_from_head, &block([0.074, -0.014, 0.0], [0.096, 0.02, 0.16]), shell);
+    drawing.solid_box(tracking_from_head, &aabb([-0.096, -0.014, 0.0], [-0.074, 0.02, 0.16]), shell);
+    drawing.solid_box(tracking_from_head, &aabb([0.074, -0.014, 0.0], [0.096, 0.02, 0.16]), shell);
     let ahead = tracking_from_head.transform_point(DVec3::NEG_Z * 0.3);
     drawing.line(tracking_from_head.transform_point(DVec3::NEG_Z * 0.07), ahead, 2.0, rgba(style::HEAD, 1.0));
 }
@@ -306,7 +306,7 @@ fn panel(drawing: &mut Drawing, panel: &Panel, color: impl Fn(f32) -> Color) {
     drawing.transparent_polygon(&corners, color(0.05 * alpha));
     if panel.kind == PanelKind::Object {
         for (middle, radius) in &panel.silhouette {
-            let disc = |place: DVec2| at(place.x, place.y);
+            let disc = |point: DVec2| at(point.x, point.y);
             let (u, v) = (
                 disc(*middle + DVec2::X * *radius) - disc(*middle),
                 disc(*middle + DVec2::Y * *radius) - disc(*middle),

@@ -30,7 +30,7 @@ struct EyeUniform {
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct FaceCorner {
-    place: [f32; 3],
+    position: [f32; 3],
     color: [f32; 4],
 }
 
@@ -223,8 +223,8 @@ fn far_to_near(transparent_faces: &[Face], eye_m: DVec3) -> Vec<Face> {
 }
 
 fn corners(faces: &[Face], origin: DVec3) -> Vec<FaceCorner> {
-    let corner = |place: DVec3, color| FaceCorner { place: (place - origin).as_vec3().to_array(), color };
-    faces.iter().flat_map(|face| face.corners_m.map(|place| corner(place, face.color))).collect()
+    let corner = |position: DVec3, color| FaceCorner { position: (position - origin).as_vec3().to_array(), color };
+    faces.iter().flat_map(|face| face.corners_m.map(|position| corner(position, face.color))).collect()
 }
 
 fn balls(drawing: &Drawing, origin: DVec3) -> Vec<BallInstance> {

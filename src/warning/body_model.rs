@@ -33,7 +33,7 @@ const NECK_M: f64 = 0.25;
 /// From the spine to a shoulder joint, metres. Choice: the shoulder's radius less the muscle beyond
 /// the joint.
 const SHOULDER_M: f64 = 0.18;
-/// Least length of the torso, metres: the floor may be lower than the tracking frame says. Choice:
+/// Least length of the torso, metres: the floor may be lower than in the tracking frame. Choice:
 /// a tall adult's shoulder height, so the legs end at the floor in any frame.
 const MIN_TORSO_M: f64 = 1.6;
 /// Largest lean of the head before the hips follow, metres. Choice: someone who leans farther takes
@@ -67,10 +67,10 @@ pub(super) struct Limb {
 
 impl Limb {
     /// Position on the axis nearest to a point, 0 to 1.
-    pub fn share_near(&self, place: DVec3) -> f64 {
+    pub fn share_near(&self, point: DVec3) -> f64 {
         let along = self.ends[1] - self.ends[0];
         let length = along.length_squared();
-        if length < 1e-9 { 0.0 } else { ((place - self.ends[0]).dot(along) / length).clamp(0.0, 1.0) }
+        if length < 1e-9 { 0.0 } else { ((point - self.ends[0]).dot(along) / length).clamp(0.0, 1.0) }
     }
 
     /// Point and velocity at a position on the axis.
@@ -154,9 +154,9 @@ impl PostureEstimator {
         let hips = self.follow(time_ns, head);
         let hips_move = self.hips.update(time_ns, hips, MAX_HEAD_M_PER_S, HEAD_SMOOTHING_S);
         let mut velocities = [head_moves, DVec3::new(hips_move.x, 0.0, hips_move.z), DVec3::ZERO, DVec3::ZERO];
-        for (hand, (place, moves)) in wearer.hands_m.iter().zip(self.hands.iter_mut().zip(&mut velocities[2..])) {
+        for (hand, (velocity, moves)) in wearer.hands_m.iter().zip(self.hands.iter_mut().zip(&mut velocities[2..])) {
             if let Some(hand) = hand.filter(|hand| is_valid_position(*hand)) {
-                *moves = place.update(time_ns, hand, MAX_HAND_M_PER_S, HAND_SMOOTHING_S);
+                *moves = velocity.update(time_ns, hand, MAX_HAND_M_PER_S, HAND_SMOOTHING_S);
             }
         }
         BodyModel::of(wearer, Some(hips), velocities)
@@ -179,8 +179,8 @@ impl PostureEstimator {
 mod tests {
     use super::*;
 
-    fn at(time_s: f64, place: DVec3) -> Wearer {
-        Wearer::head_only((time_s * 1e9) as i64, Pose::from_translation(place))
+    fn at(time_s: f64, position: DVec3) -> Wearer {
+        Wearer::head_only((time_s * 1e9) as i64, Pose::from_translation(position))
     }
 
     fn torso(body_model: &BodyModel) -> Limb {

@@ -43,8 +43,8 @@ mod tests {
     fn label_is_accurate_to_one_step_and_stable() {
         let mut label = DistanceLabel::default();
         let sway = |frame: i64| 0.75 + 0.02 * (frame as f64 * 0.3).sin();
-        let told: Vec<f64> = (0..900).map(|frame| label.update(frame * 11_000_000, sway(frame))).collect();
-        assert!(told.windows(2).all(|pair| pair[0] == pair[1]) && (told[0] - 0.75).abs() < 0.06, "{}", told[0]);
+        let labels: Vec<f64> = (0..900).map(|frame| label.update(frame * 11_000_000, sway(frame))).collect();
+        assert!(labels.windows(2).all(|pair| pair[0] == pair[1]) && (labels[0] - 0.75).abs() < 0.06, "{}", labels[0]);
         assert!((label.update(20_000_000_000, 0.42) - 0.4).abs() < 1e-9);
         assert!((label.update(20_100_000_000, 0.1) - 0.4).abs() < 1e-9, "not that soon");
         assert!((label.update(20_300_000_000, 0.1) - 0.1).abs() < 1e-9);

@@ -109,13 +109,13 @@ pub(super) fn object_panel(body: &ObstacleBody, aspect: &Aspect, head: DVec3, ne
     let sideways = (body.anchor - head).dot(right) + (lo + hi) / 2.0;
     let level = head - aspect.facing * aspect.panel_distance_m + right * sideways;
     let size_m = DVec2::new(hi - lo, height);
-    let place = |p: DVec3| DVec2::new(across(p) - (lo + hi) / 2.0, p.y - height / 2.0);
+    let on_panel = |p: DVec3| DVec2::new(across(p) - (lo + hi) / 2.0, p.y - height / 2.0);
     Panel {
         id: body.id,
         kind: PanelKind::Object,
         tracking_from_panel: upright(DVec3::new(level.x, height / 2.0, level.z), aspect.facing),
         size_m,
-        silhouette: silhouette(body, aspect.spread_m, size_m, place),
+        silhouette: silhouette(body, aspect.spread_m, size_m, on_panel),
         alpha,
         distance_m: near.distance_m,
         time_to_contact_s: near.time_to_contact_s(),
@@ -132,11 +132,16 @@ pub(super) fn upright(middle: DVec3, facing: DVec3) -> radar_sar::geometry::Pose
 
 /// Discs at the spheres on the panel and within their outline, since nobody passes between parts of
 /// one object. The radius grows with the uncertainty across, and until the discs are few enough.
-fn silhouette(body: &ObstacleBody, spread_m: f64, size_m: DVec2, place: impl Fn(DVec3) -> DVec2) -> Vec<(DVec2, f64)> {
+fn silhouette(
+    body: &ObstacleBody,
+    spread_m: f64,
+    size_m: DVec2,
+    on_panel: impl Fn(DVec3) -> DVec2,
+) -> Vec<(DVec2, f64)> {
     if !body.has_shape {
         return Vec::new();
     }
-    let placed: Vec<DVec2> = body.points.iter().map(|p| place(*p)).collect();
+    let placed: Vec<DVec2> = body.points.iter().map(|p| on_panel(*p)).collect();
     let hull = convex_hull(&placed);
     let mut radius = round(math::hypot(body.radius_m + EDGE_MARGIN_M, spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
     loop {

@@ -122,8 +122,8 @@ impl ObstacleBody {
     }
 
     /// Whether a position, seen from above, lies within the hull.
-    pub fn spans(&self, place: DVec3) -> bool {
-        let flat = DVec2::new(place.x, -place.z);
+    pub fn spans(&self, point: DVec3) -> bool {
+        let flat = DVec2::new(point.x, -point.z);
         let edge = |n: usize| (self.hull[n], self.hull[(n + 1) % self.hull.len()]);
         self.hull.len() >= 3 && (0..self.hull.len()).map(edge).all(|(a, b)| (b - a).perp_dot(flat - a) >= 0.0)
     }

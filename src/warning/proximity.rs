@@ -64,11 +64,11 @@ pub(super) fn proximities(body: &ObstacleBody, body_model: &BodyModel, reach_m: 
 }
 
 fn near(body: &ObstacleBody, limb: &Limb) -> Proximity {
-    let away = |place: DVec3| limb.at(limb.share_near(place)).0.distance_squared(place);
+    let away = |point: DVec3| limb.at(limb.share_near(point)).0.distance_squared(point);
     let first = (body.anchor, f64::INFINITY);
-    let (nearest_m, _) = body.points.iter().fold(first, |best, place| {
-        let squared = away(*place);
-        if squared < best.1 { (*place, squared) } else { best }
+    let (nearest_m, _) = body.points.iter().fold(first, |best, point| {
+        let squared = away(*point);
+        if squared < best.1 { (*point, squared) } else { best }
     });
     let (from, moves) = limb.at(limb.share_near(nearest_m));
     let toward = (nearest_m - from).normalize_or_zero();

@@ -38,17 +38,17 @@ pub(super) fn wall_proximities(wall: &Wall, body_model: &BodyModel, reach_m: f64
     let Some((plane, outward)) = upright_plane(wall) else { return Vec::new() };
     let right = DVec3::Y.cross(-outward);
     let (least, greatest) = span(wall, right);
-    let ahead_m = |place: DVec3| plane.distance(place) / plane.outward.dot(outward);
+    let ahead_m = |point: DVec3| plane.distance(point) / plane.outward.dot(outward);
     let near = |limb: &Limb| {
         let ends = limb.ends.map(ahead_m);
         let share = if ends[0] <= ends[1] { 0.0 } else { 1.0 };
         let (least_m, greatest_m) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
         let share = if greatest_m < 0.0 { 1.0 - share } else { share };
-        let (place, moves) = limb.at(share);
-        let aside_m = place.dot(right).clamp(least, greatest) - place.dot(right);
+        let (point, moves) = limb.at(share);
+        let aside_m = point.dot(right).clamp(least, greatest) - point.dot(right);
         let through_m = least_m.max(-greatest_m - MAX_CONTACT_DEPTH_M).max(0.0);
         let distance_m = math::hypot(through_m, aside_m);
-        let nearest_m = place + outward * ahead_m(place) + right * aside_m;
+        let nearest_m = point + outward * ahead_m(point) + right * aside_m;
         let across = if greatest_m < 0.0 { -outward } else { outward };
         let toward = (across * through_m + right * aside_m).try_normalize().unwrap_or(across);
         (distance_m <= reach_m).then(|| Proximity::new(limb, distance_m, nearest_m, moves.dot(toward)))

@@ -131,7 +131,7 @@ impl WarningState {
         (self.wanted - self.shown).clamp(-fall * passed_s, rise * passed_s)
     }
 
-    /// Updates the visual; a hazard with nothing to show at this place goes dark.
+    /// Updates the visual; a hazard with nothing to show from here goes dark.
     pub fn update_visual(&mut self, now_ns: i64, hazard: &Hazard, body_model: &BodyModel, settings: &WarningSettings) {
         let drawn = self.near.and_then(|near| hazard.draw(body_model, &near, 0.0, settings).map(|drawn| (drawn, near)));
         match drawn {

@@ -36,8 +36,8 @@ pub fn simulated_imu(path: &TruePath, figures: &ImuSpec) -> Vec<ImuSample> {
     measured(|t| path.tracking_from_head(t), |t| path.host_ns(t), path.span_s(), figures, path.seed())
 }
 
-fn velocity_m_per_s(place: impl Fn(f64) -> DVec3, time_s: f64) -> DVec3 {
-    (place(time_s + VELOCITY_STEP_S) - place(time_s - VELOCITY_STEP_S)) / (2.0 * VELOCITY_STEP_S)
+fn velocity_m_per_s(position: impl Fn(f64) -> DVec3, time_s: f64) -> DVec3 {
+    (position(time_s + VELOCITY_STEP_S) - position(time_s - VELOCITY_STEP_S)) / (2.0 * VELOCITY_STEP_S)
 }
 
 /// Errors of three gyroscopes or three accelerometers over time.

@@ -154,7 +154,7 @@ mod tests {
     fn new_universe_resets_the_anchor() {
         let mut anchor = Anchor::new(turned(30.0, 0.3, -0.1), Some(7));
         let there = turned(5.0, 2.0, 2.0);
-        assert_eq!(anchor.update(there, None), AnchorChange::Recentred, "not told which");
+        assert_eq!(anchor.update(there, None), AnchorChange::Recentred, "unknown universe");
         assert_eq!(anchor.update(there, Some(8)), AnchorChange::NewUniverse);
         assert!(same(&anchor.standing_from_session(), &Pose::IDENTITY));
         assert_eq!(anchor.update(there, Some(8)), AnchorChange::Unchanged);
@@ -174,9 +174,9 @@ mod tests {
         assert!(!watch.push(0, at(0.0)));
         assert!(!watch.push(11_000_000, at(0.15)), "a correction of tracking");
         assert!(watch.push(22_000_000, at(0.6)));
-        assert!(!watch.push(33_000_000, at(0.61)), "told once");
+        assert!(!watch.push(33_000_000, at(0.61)), "reported once");
         watch.lost();
         assert!(!watch.push(44_000_000, at(3.0)), "found again elsewhere");
-        assert!(!watch.push(244_000_000, at(0.0)), "too long ago to tell");
+        assert!(!watch.push(244_000_000, at(0.0)), "too long ago to compare");
     }
 }

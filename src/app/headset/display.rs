@@ -236,12 +236,12 @@ fn project(
         overlay.set_texture(&texture)?;
     }
     let raw_from_eye = from.raw_from_standing * tracking_from_eye;
-    let told = match matrix {
+    let matrix_for_runtime = match matrix {
         ProjectionMatrix::EyeFromTracking => raw_from_eye.inverse(),
         ProjectionMatrix::TrackingFromEye => raw_from_eye,
     };
     let side = if side == 0 { EyeSide::Left } else { EyeSide::Right };
-    overlay.set_projection(Universe::Raw, &told, eye.tangents, side)?;
+    overlay.set_projection(Universe::Raw, &matrix_for_runtime, eye.tangents, side)?;
     overlay.set_alpha(1.0)?;
     overlay.show()?;
     Ok(picture)

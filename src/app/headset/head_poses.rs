@@ -31,7 +31,7 @@ impl<'a> HeadPoses<'a> {
         Self { runtime, anchor: None, leap: LeapDetector::default(), checked_ns: i64::MIN, hands, hand_sampler }
     }
 
-    /// Reads poses at this rate until told to stop.
+    /// Reads poses at this rate until asked to stop.
     pub fn read(mut self, rate_hz: f64, sink: EventSink, stop: &AtomicBool) {
         let period = Duration::from_secs_f64(1.0 / rate_hz);
         while !stop.load(Ordering::Relaxed) {

@@ -157,7 +157,7 @@ mod tests {
         meter.frame(times(170, 1, 0));
         assert_eq!((missed(&meter), meter.report().frames), ((2, 1, 2), 13));
         meter.frame(FrameTimes { waited_before_ns: 16 * MS, ..times(200, 1, 0) });
-        assert_eq!(missed(&meter), (2, 3, 2), "it was told in time, and had no core");
+        assert_eq!(missed(&meter), (2, 3, 2), "it was woken in time, and had no core");
         meter.frame(FrameTimes { waited_before_ns: 4 * MS, ..times(220, 1, 0) });
         assert_eq!(missed(&meter), (2, 3, 3), "even with one at once it would have been late");
         assert!((meter.report().wall.max_s - 0.025).abs() < 1e-9);

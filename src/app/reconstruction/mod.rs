@@ -194,10 +194,10 @@ impl Reconstruction {
         let queue = Arc::new(Queue::new([options.max_frames, options.max_poses, MAX_HANDS]));
         let pool = pool(options)?;
         let worker = Worker::new(mapper, begin, Arc::clone(&shared), Arc::clone(&queue));
-        let (told, nice) = (Arc::clone(&shared), options.nice);
+        let (for_guard, nice) = (Arc::clone(&shared), options.nice);
         let run = move || {
             lower_priority_of_this_thread(nice);
-            run_guarded(&told, || pool.install(|| worker.run()));
+            run_guarded(&for_guard, || pool.install(|| worker.run()));
         };
         let last_given = Mutex::new(Arc::clone(&*lock(&shared.newest)));
         let thread = Builder::new().name("reconstruction".into()).spawn(run).map_err(ReconstructionError::Thread)?;

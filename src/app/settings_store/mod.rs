@@ -191,7 +191,7 @@ impl SettingsStore {
 }
 
 impl SettingsWatcher {
-    /// Runs until told to end.
+    /// Runs until asked to end.
     pub fn run(mut self, store: &SettingsStore, compose: Compose, on_new: OnNew) {
         loop {
             let turn = if self.debouncer.is_waiting() || self.changed_ns.is_some() {
@@ -436,10 +436,10 @@ mod tests {
         with_store("begins-wrong", Some("broken ["), &["warning.brightness=0.5"], |store, file| {
             let default = Settings::default().warning;
             assert_eq!((store.newest().warning.brightness, store.newest().warning.style), (0.5, default.style));
-            let told = store.trouble().expect("it is wrong");
-            assert!(told.contains("line 1") && !told.contains('\n'), "{told}");
+            let trouble = store.trouble().expect("it is wrong");
+            assert!(trouble.contains("line 1") && !trouble.contains('\n'), "{trouble}");
             fs::write(file, "[cues]\nvolume = 2.0\n").unwrap();
-            wait_for("the other fault", || store.trouble().is_some_and(|told| told.contains("cues.volume is 2")));
+            wait_for("the other fault", || store.trouble().is_some_and(|trouble| trouble.contains("cues.volume is 2")));
             fs::write(file, "[cues]\nvolume = 0.25\n").unwrap();
             wait_for("a good one", || store.newest().cues.volume == 0.25 && store.trouble().is_none());
         });

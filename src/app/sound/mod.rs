@@ -100,9 +100,9 @@ fn build<T: cpal::SizedSample + cpal::FromSample<f32>>(
         mixer.fill(samples, T::from_sample);
     };
     // An unplugged device reports the error repeatedly.
-    let mut told = false;
+    let mut has_logged = false;
     let failed = move |error| {
-        if !std::mem::replace(&mut told, true) {
+        if !std::mem::replace(&mut has_logged, true) {
             log::warn!("warnings no longer have sound: {error}");
         }
     };

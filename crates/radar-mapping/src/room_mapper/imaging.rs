@@ -44,7 +44,7 @@ impl Imaging {
     pub fn add(&mut self, subaperture: &Subaperture) {
         self.field.add(subaperture);
         self.fine.push_subaperture(subaperture);
-        // Walls are looked for in the sub-aperture as it was measured, with the known ones in it.
+        // Walls are searched in the sub-aperture as it was measured, with the known ones in it.
         self.planes.add(subaperture.uncancelled());
     }
 

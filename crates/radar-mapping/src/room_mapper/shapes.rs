@@ -71,8 +71,8 @@ impl Shape {
 }
 
 /// The cell that contains a point.
-pub(super) fn cell_of(place: DVec3) -> IVec3 {
-    (place / CELL_M).floor().as_ivec3()
+pub(super) fn cell_of(point: DVec3) -> IVec3 {
+    (point / CELL_M).floor().as_ivec3()
 }
 
 /// Centre of a cell.

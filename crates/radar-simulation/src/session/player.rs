@@ -98,9 +98,9 @@ impl Ground {
     }
 
     /// Distance from a body's axis to the nearest scatterer or wall, metres.
-    fn clearance_m(&self, place: DVec3) -> f64 {
-        let level = DVec3::new(place.x, 0.0, place.z);
-        let walls_m = (self.half.x - place.x.abs()).min(self.half.z - place.z.abs());
+    fn clearance_m(&self, point: DVec3) -> f64 {
+        let level = DVec3::new(point.x, 0.0, point.z);
+        let walls_m = (self.half.x - point.x.abs()).min(self.half.z - point.z.abs());
         self.parts.iter().map(|p| p.distance(level)).fold(walls_m, f64::min)
     }
 
@@ -118,8 +118,8 @@ fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
     // Players look roughly in the direction of their steps; while standing they look around;
     // sometimes they step without looking.
     let steps = DVec3::new(way.x, 0.0, way.z).length() > LOOK_AHEAD_STEP_M;
-    let looks = rng.random_range(0.0..1.0) >= STEP_WITHOUT_LOOKING_SHARE;
-    let turn_rad = match steps && looks {
+    let faces_step = rng.random_range(0.0..1.0) >= STEP_WITHOUT_LOOKING_SHARE;
+    let turn_rad = match steps && faces_step {
         true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
         false => rng.random_range(-1.6..1.6),
     };

@@ -41,7 +41,7 @@ pub(super) fn samples(case: &Case, recorded: &[TrialRecording]) -> Samples {
             samples.times_s.push(start.elapsed().as_secs_f64());
             if repeat == 0 {
                 samples.push(Sample {
-                    error_m: imaged.place_m.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m)),
+                    error_m: imaged.position_m.map_or(f64::INFINITY, |position| position.distance(recorded.truth_m)),
                     updates: imaged.updates,
                     bounds: imaged.bounds,
                 });
@@ -65,7 +65,7 @@ fn choose(case: &Case, recorded: &TrialRecording, region: &Aabb) -> Vec<Observat
 /// Result of one trial.
 struct TrialResult {
     /// `None`: nothing found.
-    place_m: Option<DVec3>,
+    position_m: Option<DVec3>,
     updates: u64,
     bounds: u64,
 }
@@ -74,10 +74,10 @@ struct TrialResult {
 fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
     let mut imaged = search_place(case, sweeps, region);
     if case.refined {
-        imaged.place_m = imaged.place_m.map(|place| {
+        imaged.position_m = imaged.position_m.map(|position| {
             let power = RangePower::new(sweeps, &BEAM, MIN_RANGE_M);
             // Where too few sweeps see the point, the voxel's centre stays.
-            refine(&power, place, None, &PositionErrors::default()).map_or(place, |refined| refined.position_m)
+            refine(&power, position, None, &PositionErrors::default()).map_or(position, |refined| refined.position_m)
         });
     }
     imaged
@@ -89,17 +89,17 @@ fn search_place(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResu
     if case.search == Search::Oracle {
         let oracle = Oracle::new(sweeps, &BEAM, &SubapertureSettings::default());
         let volume = oracle_volume(&oracle, case.statistic, region, case.voxel_m);
-        return TrialResult { place_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
+        return TrialResult { position_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
     }
     let (stack, _) = SweepStack::of(case.statistic, &BEAM, sweeps, grid.middle_m());
     if case.search == Search::Dense {
         let dense = dense_volume(&stack, &grid);
-        return TrialResult { place_m: peak(&dense.volume.values, &grid), updates: dense.updates, bounds: 0 };
+        return TrialResult { position_m: peak(&dense.volume.values, &grid), updates: dense.updates, bounds: 0 };
     }
     let share = if case.search == Search::Peak { 1.0 } else { 0.5 };
     let found = search(&stack, &grid, Threshold::ShareOfPeak(share));
-    let place_m = found.peak().map(|(index, _)| center(&grid, index));
-    TrialResult { place_m, updates: found.work.updates, bounds: found.work.bounds }
+    let position_m = found.peak().map(|(index, _)| center(&grid, index));
+    TrialResult { position_m, updates: found.work.updates, bounds: found.work.bounds }
 }
 
 /// Centre of the greatest voxel; the first of equals, as in the adaptive search.

@@ -373,7 +373,7 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
 }
 
 fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
-    let told = |figures: &Figures| {
+    let described = |figures: &Figures| {
         format!(
             "{} cm against a true {} cm, median voxel {} cm off",
             size(figures.accuracy.extent_m),
@@ -387,9 +387,9 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
         hanger[SQUARED].size_matches() && hanger[SQUARED].accuracy.off_m <= THESIS_VOXEL_M,
         format!(
             "squared: {}, where a single point appears as {} cm; by sub-apertures {}",
-            told(&hanger[SQUARED]),
+            described(&hanger[SQUARED]),
             size(point_m),
-            told(&hanger[COHERENT_SQUARED])
+            described(&hanger[COHERENT_SQUARED])
         ),
     );
     outcome.add_finding(

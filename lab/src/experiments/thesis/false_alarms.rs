@@ -71,8 +71,8 @@ impl Search {
 /// every trial spans the whole path; `most` at most.
 fn sweep_sets(recorded: &TrialRecording, most: usize) -> Vec<Vec<Observation>> {
     let count = (recorded.observations.len() / SWEEPS).max(1);
-    let look = |n: usize| recorded.observations.iter().skip(n).step_by(count).take(SWEEPS).cloned().collect();
-    (0..count.min(most)).map(look).collect()
+    let sweeps = |n: usize| recorded.observations.iter().skip(n).step_by(count).take(SWEEPS).cloned().collect();
+    (0..count.min(most)).map(sweeps).collect()
 }
 
 /// A recording of empty space, long enough for all trials.
@@ -104,7 +104,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         let mut others = Vec::new();
         for seed in 0..trials.seeds {
             let other = sweep_sets(&noise(name, &config, 2001 + seed)?, NOISE_TRIALS);
-            others.extend(other.par_iter().map(|look| search.greatest(look)).collect::<Vec<f64>>());
+            others.extend(other.par_iter().map(|sweeps| search.greatest(sweeps)).collect::<Vec<f64>>());
         }
         let passed = RATES.map(|rate| others.iter().filter(|value| **value > of_noise.threshold(rate)).count());
         let [often, seldom] = passed.map(|count| count as f64 / others.len().max(1) as f64);
@@ -185,7 +185,7 @@ fn detected(trials: &Trials, maxima: &[(&'static str, Search, NoiseMaxima)]) -> 
                 all.extend(sweep_sets(&TrialRecording::of(&scenario)?, REFLECTOR_TRIALS));
             }
             let threshold = of_noise.threshold(RATES[1]);
-            let found = all.par_iter().filter(|look| search.greatest(look) > threshold).count();
+            let found = all.par_iter().filter(|sweeps| search.greatest(sweeps) > threshold).count();
             points.push([snr_db, 100.0 * found as f64 / all.len().max(1) as f64]);
         }
         curves.push(Series { name: (*name).to_owned(), points, joined: true });
@@ -227,9 +227,9 @@ mod tests {
     #[test]
     fn sweep_sets_share_no_sweep() {
         let recorded = noise("c16", &preset("c16").unwrap(), 3).unwrap();
-        let looks = sweep_sets(&recorded, NOISE_TRIALS);
-        assert!(looks.len() >= NOISE_TRIALS - 1 && looks.iter().all(|look| look.len() == SWEEPS), "{}", looks.len());
-        let mut times: Vec<i64> = looks.iter().flatten().map(|o| o.mid_time_ns).collect();
+        let sets = sweep_sets(&recorded, NOISE_TRIALS);
+        assert!(sets.len() >= NOISE_TRIALS - 1 && sets.iter().all(|sweeps| sweeps.len() == SWEEPS), "{}", sets.len());
+        let mut times: Vec<i64> = sets.iter().flatten().map(|o| o.mid_time_ns).collect();
         let count = times.len();
         times.sort_unstable();
         times.dedup();

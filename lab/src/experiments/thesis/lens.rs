@@ -293,8 +293,8 @@ fn findings(outcome: &mut Outcome, objects: &ObjectFigures, angles: &[Vec<Figure
 }
 
 /// A point at the distance of another one, this many degrees to the right as seen from the sensor.
-fn off_axis_point(from: DVec3, place: DVec3, angle_deg: f64) -> DVec3 {
-    let to = place - from;
+fn off_axis_point(from: DVec3, point: DVec3, angle_deg: f64) -> DVec3 {
+    let to = point - from;
     let right = to.cross(DVec3::Y).normalize();
     let (sin, cos) = math::sin_cos(angle_deg.to_radians());
     from + to * cos + right * (to.length() * sin)
@@ -318,7 +318,7 @@ fn thesis_image(recorded: &TrialRecording, template: &Beam) -> Volume {
 /// The thesis' image with a beam model; our position with the true beam.
 fn figures_of(recorded: &TrialRecording, beam: &Beam, template: &Beam) -> Figures {
     let points = points(recorded);
-    let nearest = |place: DVec3| points.iter().map(|p| p.distance(place)).fold(f64::INFINITY, f64::min);
+    let nearest = |point: DVec3| points.iter().map(|p| p.distance(point)).fold(f64::INFINITY, f64::min);
     let image = thesis_image(recorded, template);
     let quality = Quality::of(&image, DVec3::ZERO);
     let accuracy = ShapeAccuracy::of(&points_above(&image, 0.5), image.voxel_m, &points);
@@ -384,12 +384,12 @@ mod tests {
 
     #[test]
     fn off_axis_point_keeps_distance_and_angle() {
-        let (from, place) = (DVec3::new(0.0, 1.5, 0.0), DVec3::new(-0.3, 1.7, -1.0));
+        let (from, point) = (DVec3::new(0.0, 1.5, 0.0), DVec3::new(-0.3, 1.7, -1.0));
         for angle_deg in ANGLES_DEG {
-            let looked_at = off_axis_point(from, place, angle_deg);
-            let angle = (looked_at - from).angle_between(place - from).to_degrees();
-            assert!((angle - angle_deg).abs() < 1e-4 && (looked_at.distance(from) - place.distance(from)).abs() < 1e-9);
+            let looked_at = off_axis_point(from, point, angle_deg);
+            let angle = (looked_at - from).angle_between(point - from).to_degrees();
+            assert!((angle - angle_deg).abs() < 1e-4 && (looked_at.distance(from) - point.distance(from)).abs() < 1e-9);
         }
-        assert!(off_axis_point(from, place, 30.0).x > place.x);
+        assert!(off_axis_point(from, point, 30.0).x > point.x);
     }
 }

@@ -100,20 +100,21 @@ fn chairs(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(), Ex
     let found = detected_obstacles(&scenario)?;
     let image =
         subaperture_volume(&recorded.observations, &Beam::Lensless, &SubapertureSettings::default(), &CHAIRS, VOXEL_M);
-    let things = scene(NAME, 1).map_err(radar_simulation::ScenarioError::from)?.room.things;
+    let objects = scene(NAME, 1).map_err(radar_simulation::ScenarioError::from)?.room.things;
     let truth: Vec<Vec<DVec3>> =
-        things.iter().map(|thing| thing.scatterers.iter().map(|s| s.position_m).collect()).collect();
+        objects.iter().map(|object| object.scatterers.iter().map(|s| s.position_m).collect()).collect();
     outcome.keep_volume("chairs", &image, Statistic::Subaperture, recorded.observations.len())?;
     compared.push(reread_volume(outcome, &image)?);
     let cloud: Vec<(DVec3, f32)> = found.iter().flat_map(|obstacle| obstacle.shape.iter().copied()).collect();
     keep_cloud(outcome, compared, "chairs.ply", &without_covariance(&cloud), ply_bytes(&cloud))?;
-    let places: Vec<CloudPoint> = found.iter().map(cloud_point).collect();
-    keep_cloud(outcome, compared, "chairs-places.ply", &places, cloud_bytes(&places))?;
-    let near = |place: DVec3, points: &[DVec3]| points.iter().any(|point| point.distance(place) < NEAR_SCATTERER_M);
+    let cloud_points: Vec<CloudPoint> = found.iter().map(cloud_point).collect();
+    keep_cloud(outcome, compared, "chairs-places.ply", &cloud_points, cloud_bytes(&cloud_points))?;
+    let near =
+        |position: DVec3, points: &[DVec3]| points.iter().any(|point| point.distance(position) < NEAR_SCATTERER_M);
     let on_each: Vec<usize> =
-        truth.iter().map(|points| cloud.iter().filter(|(place, _)| near(*place, points)).count()).collect();
+        truth.iter().map(|points| cloud.iter().filter(|(position, _)| near(*position, points)).count()).collect();
     let share_near = |cloud: &[(DVec3, f32)]| {
-        let on_any = cloud.iter().filter(|(place, _)| truth.iter().any(|points| near(*place, points))).count();
+        let on_any = cloud.iter().filter(|(position, _)| truth.iter().any(|points| near(*position, points))).count();
         on_any as f64 / cloud.len().max(1) as f64
     };
     let (share, plain) = (share_near(&cloud), share_near(&points_above(&image, SHARE)));
@@ -152,9 +153,9 @@ fn detected_obstacles(scenario: &Scenario) -> Result<Vec<Obstacle>, ExperimentEr
 /// Points as voxels of an image's grid, to be drawn.
 fn rasterised(cloud: &[(DVec3, f32)], image: &Volume) -> Volume {
     let mut volume = Volume { values: vec![0.0; image.values.len()], ..image.clone() };
-    for &(place, score) in cloud {
-        let at = ((place - image.origin_m) / image.voxel_m).floor();
-        if image.region().contains(place) {
+    for &(position, score) in cloud {
+        let at = ((position - image.origin_m) / image.voxel_m).floor();
+        if image.region().contains(position) {
             let voxel = [0, 1, 2].map(|axis| (at[axis] as usize).min(image.size[axis] - 1));
             let index = volume.index(voxel);
             volume.values[index] = volume.values[index].max(score);
@@ -184,8 +185,8 @@ fn reflector(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(),
     let region = image.region();
     let settings = ReflectorSettings { voxel_m: 0.1, ..ReflectorSettings::default() };
     let found = find_reflectors(&sweeps, &Beam::Lensless, &region, &settings, &PositionErrors::default());
-    let places: Vec<CloudPoint> = found.iter().map(cloud_point).collect();
-    keep_cloud(outcome, compared, "reflector.ply", &places, cloud_bytes(&places))
+    let cloud_points: Vec<CloudPoint> = found.iter().map(cloud_point).collect();
+    keep_cloud(outcome, compared, "reflector.ply", &cloud_points, cloud_bytes(&cloud_points))
 }
 
 fn without_covariance(cloud: &[(DVec3, f32)]) -> Vec<CloudPoint> {

@@ -204,8 +204,8 @@ fn pictures(outcome: &mut Outcome, source: &PoseSource, recorded: &TrialRecordin
     outcome.draw(format!("path-{}", source.motion), motion_plot(&path, &title), format!("{title}."));
     let sweeps = chosen(recorded, SWEEPS, Selection::ThesisHull);
     let image = volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed);
-    let places: Vec<DVec3> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
-    let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &places };
+    let positions: Vec<DVec3> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
+    let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &positions };
     let title = format!("The thesis' image: {}", source.name);
     let picture = cross_sections(&image, &title, "correlation (amplitude)", &marks);
     outcome.draw(format!("image-{}", source.motion), picture, format!("{title}."));

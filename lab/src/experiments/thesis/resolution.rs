@@ -119,8 +119,8 @@ fn trial(
         peak.push(timed(1.0).1);
         work.push(found.work.share());
         footprints.push(found.voxels.len() as f64 * voxel_m.powi(3) * 1e3);
-        let place = found.peak().map(|(index, _)| center(&grid, index));
-        errors.push(place.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m)));
+        let position = found.peak().map(|(index, _)| center(&grid, index));
+        errors.push(position.map_or(f64::INFINITY, |position| position.distance(recorded.truth_m)));
         if voxels <= TWO_RECORDINGS_VOXELS || (voxels <= MAX_DENSE_VOXELS && dense.len() < 2) {
             let start = Instant::now();
             let (stack, _) = SweepStack::of(statistic, &BEAM, sweeps, grid.middle_m());
@@ -141,8 +141,8 @@ fn sub_aperture_litres(trials: &Trials) -> Result<f64, ExperimentError> {
     let mut footprints = Vec::new();
     for recorded in &trials.reflector("sphere-50cm", "d16", 4.0)? {
         let sweeps = chosen(recorded, SWEEPS, Selection::FarthestPoint);
-        let place = locate(&sweeps, recorded.seed).0.map(|refined| refined.position_m);
-        let image = place.and_then(|place| close_image(recorded, place));
+        let position = locate(&sweeps, recorded.seed).0.map(|refined| refined.position_m);
+        let image = position.and_then(|position| close_image(recorded, position));
         footprints.push(image.map_or(f64::INFINITY, |image| Quality::of(&image, recorded.truth_m).footprint_l));
     }
     Ok(quantile(&footprints, 0.5))

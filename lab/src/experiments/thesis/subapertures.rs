@@ -72,16 +72,16 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
             };
             let recorded = TrialRecording::of(&scenario)?;
             let truth = recorded.truth_m;
-            // Each seed puts the truth at another place within a voxel.
+            // Each seed puts the truth at another position within a voxel.
             let shift = region(VOXEL_M, seed).center() - region(0.0, seed).center();
             let around = Aabb { min: truth + shift - AROUND_M, max: truth + shift + AROUND_M };
             for (n, &(length, _)) in LENGTHS.iter().enumerate() {
                 let image = image(&recorded.observations, length, &around);
-                let place = image.peak().map(|(index, _)| image.center(image.voxel(index)));
-                off[n][poses].push(place.map_or(f64::INFINITY, |place| place.distance(truth)));
-                if let (0, Some(place)) = (poses, place) {
-                    widths[n][0].push(width_m(&recorded.observations, length, place, DVec3::X));
-                    widths[n][1].push(width_m(&recorded.observations, length, place, DVec3::Z));
+                let position = image.peak().map(|(index, _)| image.center(image.voxel(index)));
+                off[n][poses].push(position.map_or(f64::INFINITY, |position| position.distance(truth)));
+                if let (0, Some(position)) = (poses, position) {
+                    widths[n][0].push(width_m(&recorded.observations, length, position, DVec3::X));
+                    widths[n][1].push(width_m(&recorded.observations, length, position, DVec3::Z));
                 }
             }
         }

@@ -226,8 +226,8 @@ impl Dashboard {
         let queue = &graphics.device.queue;
         queue.submit(drawing.commands.drain(..));
         let is_done = Arc::new(AtomicBool::new(false));
-        let tell = Arc::clone(&is_done);
-        queue.on_submitted_work_done(move || tell.store(true, Ordering::Release));
+        let signal = Arc::clone(&is_done);
+        queue.on_submitted_work_done(move || signal.store(true, Ordering::Release));
         self.under_way = Some((drawing, is_done));
     }
 
