@@ -84,9 +84,9 @@ impl EyeView {
     }
 
     /// For points relative to the eye, in the axes of the tracking frame.
-    pub(super) fn clip_from_place(&self) -> Mat4 {
-        let eye_from_place = DMat4::from_quat(self.tracking_from_eye.rotation.conjugate());
-        (self.clip_from_eye() * eye_from_place).as_mat4()
+    pub(super) fn clip_from_offset(&self) -> Mat4 {
+        let eye_from_offset = DMat4::from_quat(self.tracking_from_eye.rotation.conjugate());
+        (self.clip_from_eye() * eye_from_offset).as_mat4()
     }
 }
 

@@ -20,7 +20,7 @@ const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct EyeUniform {
-    clip_from_place: [f32; 16],
+    clip_from_offset: [f32; 16],
     right: [f32; 4],
     up: [f32; 4],
     back: [f32; 4],
@@ -183,7 +183,7 @@ impl EyeRenderer {
         let at = view.tracking_from_eye.translation;
         let [left, right, ..] = view.edges();
         let uniform = EyeUniform {
-            clip_from_place: view.clip_from_place().to_cols_array(),
+            clip_from_offset: view.clip_from_offset().to_cols_array(),
             right: axis(DVec3::X),
             up: axis(DVec3::Y),
             back: axis(DVec3::Z),

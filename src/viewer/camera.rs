@@ -147,7 +147,7 @@ pub struct Eye {
 
 impl Eye {
     /// For points relative to the eye, in the axes of the tracking frame.
-    pub fn clip_from_place(&self) -> DMat4 {
+    pub fn clip_from_offset(&self) -> DMat4 {
         let y = 1.0 / (self.fov_rad / 2.0).tan();
         let clip_from_eye = DMat4::from_cols(
             DVec4::new(y / self.aspect, 0.0, 0.0, 0.0),
@@ -160,7 +160,7 @@ impl Eye {
 
     /// Where a point appears, 0 to 1 from the upper left corner; `None` behind the eye.
     pub fn project(&self, position_m: DVec3) -> Option<DVec2> {
-        let clip = self.clip_from_place() * (position_m - self.tracking_from_eye.translation).extend(1.0);
+        let clip = self.clip_from_offset() * (position_m - self.tracking_from_eye.translation).extend(1.0);
         (clip.w > NEAR_M).then(|| DVec2::new(clip.x, -clip.y) / clip.w * 0.5 + 0.5)
     }
 }

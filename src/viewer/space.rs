@@ -21,7 +21,7 @@ const LINE_NEAR_M: f32 = 0.04;
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct EyeUniform {
-    clip_from_place: [f32; 16],
+    clip_from_offset: [f32; 16],
     right: [f32; 4],
     up: [f32; 4],
     view: [f32; 4],
@@ -160,7 +160,7 @@ impl Space {
     fn bind(&self, device: &wgpu::Device, queue: &wgpu::Queue, eye: &Eye, size_px: [u32; 2]) -> wgpu::BindGroup {
         let rotation = eye.tracking_from_eye.rotation;
         let uniform = EyeUniform {
-            clip_from_place: eye.clip_from_place().as_mat4().to_cols_array(),
+            clip_from_offset: eye.clip_from_offset().as_mat4().to_cols_array(),
             right: (rotation * DVec3::X).as_vec3().extend(0.0).to_array(),
             up: (rotation * DVec3::Y).as_vec3().extend(0.0).to_array(),
             view: [size_px[0] as f32, size_px[1] as f32, LINE_NEAR_M, 0.0],

@@ -98,8 +98,8 @@ impl WarningTracker {
         newer.sort_by_key(|body| body.id);
         let mut taken: BTreeSet<u64> = newer.iter().map(|body| body.id).collect();
         for body in newer {
-            let by_place = |held: &&StableBody| !taken.contains(&held.body.id) && held.is_replaced_by(&body);
-            let known = before.iter().find(|held| held.body.id == body.id).or_else(|| before.iter().find(by_place));
+            let by_position = |held: &&StableBody| !taken.contains(&held.body.id) && held.is_replaced_by(&body);
+            let known = before.iter().find(|held| held.body.id == body.id).or_else(|| before.iter().find(by_position));
             if let Some(known) = known {
                 taken.insert(known.body.id);
                 self.rename(HazardKey::Object(known.body.id), HazardKey::Object(body.id));

@@ -82,8 +82,8 @@ pub(super) fn center_of(cell: IVec3) -> DVec3 {
 
 /// Higher score first, equal scores by position.
 pub(super) fn by_falling_score(a: &(DVec3, f32), b: &(DVec3, f32)) -> Ordering {
-    let by_place = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
-    b.1.total_cmp(&a.1).then_with(|| by_place(&a.0, &b.0))
+    let by_position = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
+    b.1.total_cmp(&a.1).then_with(|| by_position(&a.0, &b.0))
 }
 
 #[cfg(test)]

@@ -371,17 +371,17 @@ mod tests {
         let times: Vec<f64> = (0..1200).map(|n| f64::from(n) * 0.1).collect();
         let level = |a: DVec3, b: DVec3| DVec3::new(a.x - b.x, 0.0, a.z - b.z).length();
         let objects = session.things();
-        let near = objects.iter().filter(|thing| {
+        let near = objects.iter().filter(|session_object| {
             let nearest = |t: &f64| {
                 let head = session.head_at(*t).translation;
-                thing.thing.scatterers.iter().map(|s| level(s.position_m, head)).fold(f64::INFINITY, f64::min)
+                session_object.thing.scatterers.iter().map(|s| level(s.position_m, head)).fold(f64::INFINITY, f64::min)
             };
             times.iter().map(nearest).fold(f64::INFINITY, f64::min) < 0.5
         });
         assert!(near.count() >= 3);
         let there: Vec<bool> = times.iter().map(|t| !session.visitor_at(*t).is_empty()).collect();
         assert_eq!(there.windows(2).filter(|w| !w[0] && w[1]).count(), 2);
-        let gone = session.things().iter().filter(|thing| thing.until_s == 60.0).count();
+        let gone = session.things().iter().filter(|session_object| session_object.until_s == 60.0).count();
         assert_eq!(gone, 1);
     }
 
@@ -392,7 +392,8 @@ mod tests {
         assert!(turned_rad.x.hypot(turned_rad.z) < 1e-12 && turned_rad.y.abs() > 0.01, "{turned_rad}");
         for time_s in [0.0, 7.3, 15.0] {
             let (tracked, room) = (session.sensor_at(time_s), session.sensor_in_room(time_s));
-            let tracked_scatterers = session.things().into_iter().flat_map(|thing| &thing.thing.scatterers);
+            let tracked_scatterers =
+                session.things().into_iter().flat_map(|session_object| &session_object.thing.scatterers);
             for (there, here) in tracked_scatterers.zip(session.before.scatterers()) {
                 let towards = |from: &Pose, to: &Scatterer| {
                     let way = to.position_m - from.translation;

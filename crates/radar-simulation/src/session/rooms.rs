@@ -64,12 +64,11 @@ pub(super) fn play_room(rng: &mut ChaCha8Rng) -> Room {
     let first_rad = rng.random_range(0.0..TAU);
     let mut draw = Draw(ChaCha8Rng::clone(rng));
     let count = kinds.len() as f64;
-    let things = kinds.iter().enumerate().map(|(n, &kind)| {
+    let objects = kinds.iter().enumerate().map(|(n, &kind)| {
         let angle_rad = first_rad + TAU * (n as f64 + draw.uniform(-0.15, 0.15)) / count;
         furniture(&mut draw, kind, angle_rad, [width_m, depth_m])
     });
-    let things = things.collect();
-    Room { things, walls: room_walls(width_m, depth_m, 2.5) }
+    Room { things: objects.collect(), walls: room_walls(width_m, depth_m, 2.5) }
 }
 
 fn shuffle<T>(items: &mut [T], rng: &mut ChaCha8Rng) {

@@ -72,7 +72,7 @@ struct TrialResult {
 
 /// The timed part: range tables, volume or search, peak, and refinement if the case has one.
 fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
-    let mut imaged = search_place(case, sweeps, region);
+    let mut imaged = search_position(case, sweeps, region);
     if case.refined {
         imaged.position_m = imaged.position_m.map(|position| {
             let power = RangePower::new(sweeps, &BEAM, MIN_RANGE_M);
@@ -83,7 +83,7 @@ fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
     imaged
 }
 
-fn search_place(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
+fn search_position(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
     let grid = BrickGrid::covering(region, case.voxel_m);
     let dense_updates = (grid.voxels() * sweeps.len()) as u64;
     if case.search == Search::Oracle {

@@ -105,8 +105,8 @@ impl TrainingSet {
         let (mut artefacts_below, mut ordered) = (0.0, 0.0);
         for equal in scored.chunk_by(|a, b| a.0 == b.0) {
             let sum = |is_object| equal.iter().filter(|s| s.1.is_object == is_object).map(|s| s.1.weight).sum::<f64>();
-            let (things, artefacts) = (sum(true), sum(false));
-            ordered += things * (artefacts_below + 0.5 * artefacts);
+            let (objects, artefacts) = (sum(true), sum(false));
+            ordered += objects * (artefacts_below + 0.5 * artefacts);
             artefacts_below += artefacts;
         }
         let (things, artefacts) = self.counts();

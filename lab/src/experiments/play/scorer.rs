@@ -129,15 +129,15 @@ struct RemovalTracker {
 
 impl<'s> Scorer<'s> {
     pub fn new(session: &'s Session) -> Self {
-        let things = session.things();
-        let thing = |t: &radar_simulation::SessionObject<'s>| {
+        let objects = session.things();
+        let target = |t: &radar_simulation::SessionObject<'s>| {
             Target::new(TargetGeometry::Object(&t.thing.scatterers), &t.thing.name, t.until_s)
         };
         let upright = session.walls().iter().filter(|wall| wall.plane.is_upright());
         let walls = upright.map(|wall| Target::new(TargetGeometry::Wall(wall), "wall", f64::INFINITY));
         Self {
             session,
-            targets: things.iter().map(thing).chain(walls).collect(),
+            targets: objects.iter().map(target).chain(walls).collect(),
             reports: BTreeMap::new(),
             hands: VecDeque::new(),
             visitor: VecDeque::new(),
@@ -223,9 +223,9 @@ impl<'s> Scorer<'s> {
     fn is_real(&self, time_s: f64, point: DVec3) -> bool {
         // A removed object counts as present here: how long it stays reported is measured
         // separately.
-        let things = self.targets.iter().map(|target| target.distance_to_m(point));
+        let distances = self.targets.iter().map(|target| target.distance_to_m(point));
         let person = self.visitor.iter().filter(|(at_s, _)| time_s - at_s <= MOVED_AWAY_GRACE_S);
-        things.fold(f64::INFINITY, f64::min) <= FALSE_REPORT_M
+        distances.fold(f64::INFINITY, f64::min) <= FALSE_REPORT_M
             || self.session.walls().iter().any(|wall| wall.distance_m(point) <= FALSE_REPORT_M)
             || person.flat_map(|(_, parts)| parts).any(|part| part.distance(point) <= PERSON_RADIUS_M)
     }

@@ -45,7 +45,7 @@ const ROUND_TRIP_TOLERANCE_M: f64 = 1e-6;
 struct RoundTrip {
     row: Vec<String>,
     value: f64,
-    place_m: f64,
+    position_difference_m: f64,
 }
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
@@ -65,12 +65,12 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     trials.report_progress(1, 2);
     reflector(&mut outcome, &mut compared)?;
     let lost = |f: fn(&RoundTrip) -> f64| compared.iter().map(f).fold(0.0, f64::max);
-    let (value, place_m) = (lost(|one| one.value), lost(|one| one.place_m));
+    let (value, position_difference_m) = (lost(|one| one.value), lost(|one| one.position_difference_m));
     let intact = format!(
         "files read back equal what was written: values differ by at most {value}, positions by {:.2} µm",
-        place_m * 1e6
+        position_difference_m * 1e6
     );
-    let is_intact = value == 0.0 && place_m < ROUND_TRIP_TOLERANCE_M;
+    let is_intact = value == 0.0 && position_difference_m < ROUND_TRIP_TOLERANCE_M;
     outcome.add_finding(
         "The clouds could be data for machine learning (5.8.2, 6.3).",
         if is_intact { None } else { Some(false) },
@@ -200,11 +200,12 @@ fn reread_volume(outcome: &Outcome, image: &Volume) -> Result<RoundTrip, Experim
     let pairs = image.values.iter().zip(&read.values);
     let value = pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
     let corners = [[0; 3], image.size.map(|n| n - 1)];
-    let place_m = corners.map(|voxel| image.center(voxel).distance(read.center(voxel))).into_iter().fold(0.0, f64::max);
+    let position_difference_m =
+        corners.map(|voxel| image.center(voxel).distance(read.center(voxel))).into_iter().fold(0.0, f64::max);
     let value = if read.size == image.size { value } else { f64::INFINITY };
     let [x, y, z] = read.size;
     let holds = format!("{z} × {y} × {x} voxels [z][y][x], {}", info.statistic);
-    Ok(row(&npy.name, npy.bytes.len() + json.bytes.len(), holds, value, place_m))
+    Ok(row(&npy.name, npy.bytes.len() + json.bytes.len(), holds, value, position_difference_m))
 }
 
 /// Keeps a cloud and reads it back.
@@ -216,9 +217,9 @@ fn keep_cloud(
     bytes: Vec<u8>,
 ) -> Result<(), ExperimentError> {
     let read = cloud_of(&bytes, Path::new(name))?;
-    let (mut value, mut place_m, mut covariances) = (0.0f64, 0.0f64, 0);
+    let (mut value, mut position_difference_m, mut covariances) = (0.0f64, 0.0f64, 0);
     for (a, b) in points.iter().zip(&read) {
-        place_m = place_m.max(a.position_m.distance(b.position_m));
+        position_difference_m = position_difference_m.max(a.position_m.distance(b.position_m));
         value = value.max(f64::from((a.value - b.value).abs()));
         match (a.covariance_m2, b.covariance_m2) {
             (Some(a), Some(b)) => {
@@ -240,13 +241,13 @@ fn keep_cloud(
         0 => format!("{} points with a score", read.len()),
         _ => format!("{} points with evidence and covariance", read.len()),
     };
-    compared.push(row(name, bytes.len(), holds, value, place_m));
+    compared.push(row(name, bytes.len(), holds, value, position_difference_m));
     outcome.keep(name, bytes);
     Ok(())
 }
 
-fn row(name: &str, bytes: usize, holds: String, value: f64, place_m: f64) -> RoundTrip {
+fn row(name: &str, bytes: usize, holds: String, value: f64, position_difference_m: f64) -> RoundTrip {
     let differ = if value == 0.0 { "0".into() } else { format!("{value:.0e}") };
-    let row = vec![name.to_owned(), bytes.to_string(), holds, differ, format!("{:.3}", place_m * 1e6)];
-    RoundTrip { row, value, place_m }
+    let row = vec![name.to_owned(), bytes.to_string(), holds, differ, format!("{:.3}", position_difference_m * 1e6)];
+    RoundTrip { row, value, position_difference_m }
 }
