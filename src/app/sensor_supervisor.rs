@@ -20,8 +20,8 @@ use radar_mapping::Event;
 use radar_recording::Header;
 use radar_sar::PoseSample;
 
-/// Interval of searches for a board. Choice: a plugged-in board is used within two seconds; a
-/// search opens and questions every candidate port.
+/// Interval of searches for a board. Choice: a plugged-in board is used within two seconds, and
+/// listing the ports costs little.
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Reaction time to a stop while waiting. Choice: shorter than one perceives.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);

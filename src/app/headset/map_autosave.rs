@@ -105,8 +105,8 @@ impl MapAutosave<'_, '_> {
         }
         if progress.restored != Some((epoch, universe)) {
             progress.restored = Some((epoch, universe));
-            if let Some(remembered) = self.load(progress, &room, universe) {
-                reconstruction.restore(epoch, remembered);
+            if let Some(saved) = self.load(progress, &room, universe) {
+                reconstruction.restore(epoch, saved);
             }
             return;
         }

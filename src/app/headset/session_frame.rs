@@ -92,7 +92,7 @@ impl<'s> SessionFrame<'s> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The frame as it is now.
+    /// The current frame.
     pub fn room_frame(&self) -> Option<RoomFrame> {
         self.anchor.map(|anchor| RoomFrame {
             session_from_raw: anchor.session_from_raw(),

@@ -255,8 +255,8 @@ impl Reconstruction {
     }
 
     /// Restores a saved map, in the frame of the poses of that epoch.
-    pub fn restore(&self, epoch: u64, remembered: SavedMap) {
-        *lock(&self.shared.pending_map) = Some((epoch, remembered));
+    pub fn restore(&self, epoch: u64, saved: SavedMap) {
+        *lock(&self.shared.pending_map) = Some((epoch, saved));
     }
 
     /// The current map for saving and its epoch, at most a second old; `None` before there is one

@@ -136,12 +136,11 @@ impl Worker {
         // The lock is held until the shared map contains it, so that nobody saves the map without
         // it.
         let mut waiting = lock(&shared.pending_map);
-        let Some((_, remembered)) =
-            waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
+        let Some((_, saved_map)) = waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
         else {
             return;
         };
-        if let Err(error) = self.mapper.restore(&remembered) {
+        if let Err(error) = self.mapper.restore(&saved_map) {
             log::warn!("the saved map of the room is ignored: {error}");
         }
         self.publish_saved_map(0);
@@ -159,8 +158,8 @@ impl Worker {
             return;
         }
         self.saved_map_ns = now_ns;
-        let remembered = Some((self.epoch, Arc::new(self.mapper.saved_map())));
-        let before = std::mem::replace(&mut *lock(&self.shared.saved_map), remembered);
+        let saved_map = Some((self.epoch, Arc::new(self.mapper.saved_map())));
+        let before = std::mem::replace(&mut *lock(&self.shared.saved_map), saved_map);
         // Dropped after the lock is released.
         drop(before);
     }

@@ -288,7 +288,7 @@ impl SettingsWatcher {
         }
     }
 
-    /// Saves the own changes to the file as it is now.
+    /// Saves the own changes to the current file.
     fn save(&mut self, store: &SettingsStore, compose: Compose) {
         self.changed_ns = None;
         let why = match self.try_save(compose) {

@@ -91,7 +91,7 @@ impl Imaging {
     }
 
     /// The voxels around a track that score at least three quarters of its score, for where no fine
-    /// voxels are at hand.
+    /// voxels are open.
     pub fn coarse_shape(&self, point: DVec3, score: f64) -> Shape {
         Shape::around(point, score, self.voxel_m, |center| self.field.score_at(center))
     }
