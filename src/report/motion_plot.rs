@@ -14,7 +14,7 @@ use super::style::{FALSE_INK, FOUND_INK, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TI
 use super::views::{VIEWS, plots};
 
 /// Width, and height of title and time bar, pixels. Choice: as
-/// [`cross_sections`](super::cross_sections).
+/// in `cross_sections`.
 const WIDTH: f64 = 1320.0;
 const TOP: f64 = 84.0;
 const COORDINATES: [(&str, Rgb); 3] = [("x, right", FALSE_INK), ("y, up", PATH_INK), ("z, back", FOUND_INK)];
