@@ -7,7 +7,7 @@ use std::process::Command;
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
-/// Names another place of Valve's `openvr_capi.h`.
+/// Path of another copy of Valve's `openvr_capi.h`.
 const HEADER_VARIABLE: &str = "OPENVR_CAPI_H";
 /// The interfaces that are used; all that they mention comes with them.
 const INTERFACES: &str = "VR_IVR(System|Overlay|Compositor|Applications|Chaperone|Settings)_FnTable";
@@ -72,16 +72,17 @@ fn openvr_header() -> Result<PathBuf> {
     Ok(manifest.with_file_name("openvr").join("headers").join("openvr_capi.h"))
 }
 
-/// Where `cargo metadata` says that a package's Cargo.toml is.
+/// Path of a package's Cargo.toml by `cargo metadata`.
 fn manifest_path(package: &str, arguments: &[&str]) -> Result<PathBuf> {
     let output = Command::new(env::var("CARGO")?)
         .args(["metadata", "--format-version=1", "--locked", "--manifest-path"])
         .arg(Path::new(&env::var("CARGO_MANIFEST_DIR")?).join("Cargo.toml"))
         .args(arguments)
         .output()?;
-    let said = || format!("where is {package}? set {HEADER_VARIABLE}. {}", String::from_utf8_lossy(&output.stderr));
-    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).map_err(|_| said())?;
-    let mut packages = metadata["packages"].as_array().ok_or_else(said)?.iter();
-    let found = packages.find(|found| found["name"] == package).ok_or_else(said)?;
-    Ok(PathBuf::from(found["manifest_path"].as_str().ok_or_else(said)?))
+    let unknown_path =
+        || format!("where is {package}? set {HEADER_VARIABLE}. {}", String::from_utf8_lossy(&output.stderr));
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).map_err(|_| unknown_path())?;
+    let mut packages = metadata["packages"].as_array().ok_or_else(unknown_path)?.iter();
+    let found = packages.find(|found| found["name"] == package).ok_or_else(unknown_path)?;
+    Ok(PathBuf::from(found["manifest_path"].as_str().ok_or_else(unknown_path)?))
 }

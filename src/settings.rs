@@ -13,7 +13,8 @@ use renamed::{put, with_present_names};
 
 use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
 
-/// Least similarity of an unknown name and a known one for a suggestion, 0 to 1. Choice.
+/// Least similarity of an unknown name and a known one for a suggestion, 0 to 1. Choice: one wrong
+/// or missing letter in a short name, two in a long one; lower suggests unrelated names.
 const MIN_SIMILARITY: f64 = 0.8;
 
 /// Invalid settings.
@@ -43,7 +44,7 @@ impl From<toml::de::Error> for SettingsError {
 }
 
 /// The parser's message in the user's words, without the names of Rust's number types.
-fn readable_message(says: &str) -> String {
+fn readable_message(message: &str) -> String {
     let kind = |word: &str| match word.trim_end_matches(',') {
         "f64" | "f32" => "a number".to_owned(),
         "u8" => "a whole number from 0 to 255".to_owned(),
@@ -55,14 +56,14 @@ fn readable_message(says: &str) -> String {
         Some((before, rest)) if !rest.contains(' ') => format!("{before}expected {}", kind(rest)),
         _ => line.to_owned(),
     };
-    let mut lines: Vec<String> = says.trim_end().lines().map(line).collect();
-    lines.extend(says.lines().find_map(closest_name).map(|name| format!("Did you mean `{name}`?")));
+    let mut lines: Vec<String> = message.trim_end().lines().map(line).collect();
+    lines.extend(message.lines().find_map(closest_name).map(|name| format!("Did you mean `{name}`?")));
     lines.join("\n")
 }
 
 /// The expected name most similar to the one found, if similar enough.
-fn closest_name(says: &str) -> Option<&str> {
-    let (_, rest) = says.split_once("unknown field `")?;
+fn closest_name(message: &str) -> Option<&str> {
+    let (_, rest) = message.split_once("unknown field `")?;
     let (found, expected) = rest.split_once('`')?;
     let names = expected.split('`').skip(1).step_by(2);
     let likeness = |name: &str| strsim::jaro_winkler(found, name);
@@ -265,7 +266,7 @@ mod tests {
 
     #[test]
     fn invalid_settings_state_the_reason() {
-        for (change, says) in [
+        for (change, message) in [
             ("rooms.subapertures.voxel_m=0", "rooms.subapertures.voxel_m is 0"),
             ("tracking.time_offset_s=nan", "time_offset_s is NaN"),
             ("warnings=1", "unknown field `warnings`"),
@@ -277,7 +278,7 @@ mod tests {
             ("tracking.time_offset_s.x=1", "time_offset_s"),
         ] {
             let error = with(change).expect_err(change).to_string();
-            assert!(error.contains(says), "{change}: {error}");
+            assert!(error.contains(message), "{change}: {error}");
         }
     }
 
@@ -319,26 +320,29 @@ mod tests {
 
     #[test]
     fn closest_name_is_suggested() {
-        let told = |change: &str| with(change).expect_err(change).to_string();
-        assert!(told("warning.fade_distance=2").ends_with("Did you mean `fade_distance_m`?"));
+        let refusal = |change: &str| with(change).expect_err(change).to_string();
+        assert!(refusal("warning.fade_distance=2").ends_with("Did you mean `fade_distance_m`?"));
         assert!(
-            told("room.subapertures.voxel_m=2").ends_with("Did you mean `rooms`?"),
+            refusal("room.subapertures.voxel_m=2").ends_with("Did you mean `rooms`?"),
             "{}",
-            told("room.subapertures.voxel_m=2")
+            refusal("room.subapertures.voxel_m=2")
         );
-        assert!(!told("xyz=2").contains("Did you mean"), "{}", told("xyz=2"));
+        assert!(!refusal("xyz=2").contains("Did you mean"), "{}", refusal("xyz=2"));
     }
 
     #[test]
     fn value_kinds_are_described_in_words() {
-        for (change, says) in [
+        for (change, message) in [
             ("warning.brightness=dark", "expected a number"),
             ("warning.color=[300, 0, 0]", "expected a whole number from 0 to 255"),
             ("reflectors.max_sweeps=many", "expected a whole number, 0 or more"),
             ("warning=3", "expected a table of settings"),
         ] {
             let error = with(change).expect_err(change).to_string();
-            assert!(error.contains(says) && !error.contains("f32") && !error.contains("struct"), "{change}: {error}");
+            assert!(
+                error.contains(message) && !error.contains("f32") && !error.contains("struct"),
+                "{change}: {error}"
+            );
         }
     }
 }

@@ -28,8 +28,8 @@ fn sweeps(count: usize, seed: u64) -> Vec<Observation> {
         time_offset_s: 0.0,
     };
     let (all, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
-    let places: Vec<_> = all.iter().map(|o| o.tracking_from_sensor.translation).collect();
-    farthest_points(&places, count).into_iter().map(|n| all[n].clone()).collect()
+    let positions: Vec<_> = all.iter().map(|o| o.tracking_from_sensor.translation).collect();
+    farthest_points(&positions, count).into_iter().map(|n| all[n].clone()).collect()
 }
 
 fn main() {

@@ -25,9 +25,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let chair = chair_points();
     let volume = chair_volume(&chair);
     let path = head_path();
-    let places: Vec<DVec3> = path.iter().map(|&(_, place)| place).collect();
+    let positions: Vec<DVec3> = path.iter().map(|&(_, position)| position).collect();
     let found = [DVec3::new(0.18, 0.46, -1.52), DVec3::new(-0.2, 0.92, -1.72)];
-    let marks = Marks { truth_m: &chair, found_m: &found, path_m: &places };
+    let marks = Marks { truth_m: &chair, found_m: &found, path_m: &positions };
     let (scene, truth) = room();
     let walk: Vec<DVec3> = (0..600).map(|n| walked(n as f64 / 600.0)).collect();
     let map = RoomMap { title: "Living room, walking, after 30 s", scene: &scene, truth: Some(&truth), path_m: &walk };
@@ -104,9 +104,9 @@ fn chair_volume(points: &[DVec3]) -> Volume {
     let region = Aabb { min: DVec3::new(-1.5, -0.2, -3.0), max: DVec3::new(1.5, 2.8, 0.0) };
     let mut volume = Volume::covering(&region, 0.05);
     for index in 0..volume.values.len() {
-        let place = volume.center(volume.voxel(index));
+        let position = volume.center(volume.voxel(index));
         let blobs = points.iter().enumerate().map(|(n, point)| {
-            let d = (place - *point) / DVec3::new(0.09, 0.11, 0.05);
+            let d = (position - *point) / DVec3::new(0.09, 0.11, 0.05);
             (14.0 + 5.0 * (n as f64 * 1.7).sin()) * (-0.5 * d.length_squared()).exp()
         });
         let noise = 0.5 + 0.5 * ((index * 7919 % 1000) as f64 / 1000.0);
@@ -120,10 +120,10 @@ fn chair_volume(points: &[DVec3]) -> Volume {
 fn room_volume(truth: &Truth) -> Volume {
     let region = Aabb { min: DVec3::new(-2.0, 0.0, -2.5), max: DVec3::new(2.0, 2.5, 2.5) };
     let mut volume = Volume::covering(&region, 0.05);
-    let points: Vec<DVec3> = truth.obstacles.iter().flat_map(|thing| thing.points_m.iter().copied()).collect();
+    let points: Vec<DVec3> = truth.obstacles.iter().flat_map(|obstacle| obstacle.points_m.iter().copied()).collect();
     for index in 0..volume.values.len() {
-        let place = volume.center(volume.voxel(index));
-        let blobs: f64 = points.iter().map(|point| (-0.5 * (place - *point).length_squared() / 0.02).exp()).sum();
+        let position = volume.center(volume.voxel(index));
+        let blobs: f64 = points.iter().map(|point| (-0.5 * (position - *point).length_squared() / 0.02).exp()).sum();
         volume.values[index] = (4000.0 + 2500.0 * blobs + 300.0 * (index * 7919 % 1000) as f64 / 1000.0) as f32;
     }
     volume
@@ -169,7 +169,7 @@ fn walked(share: f64) -> DVec3 {
 }
 
 fn room() -> (Scene, Truth) {
-    let things: [(&str, &[[f64; 2]], f64, f64); 8] = [
+    let objects: [(&str, &[[f64; 2]], f64, f64); 8] = [
         ("chair", &[[-1.2, -0.3], [-0.8, -0.3], [-1.2, 0.1], [-0.8, 0.1]], 0.45, 0.5),
         ("table", &[[0.9, -1.6], [1.7, -1.6], [0.9, -0.9], [1.7, -0.9]], 0.72, 0.7),
         ("floor lamp", &[[1.75, 2.2]], 1.4, 1.3),
@@ -190,19 +190,19 @@ fn room() -> (Scene, Truth) {
         ([0.45, 0.9, -2.0], [0.05, 0.30], 15.0, 9.7),
         ([-1.19, 0.45, 0.13], [0.03, 0.03], 0.0, 15.5),
     ];
-    let obstacles = things.iter().map(|(name, feet, height, closest)| TruthObstacle {
+    let obstacles = objects.iter().map(|(name, feet, height, closest)| TruthObstacle {
         name: (*name).into(),
         points_m: feet.iter().map(|[x, z]| DVec3::new(*x, *height, *z)).collect(),
         rcs_dbsm: vec![-20.0; feet.len()],
         closest_approach_m: *closest,
         in_beam_s: 4.0,
     });
-    let found = reports.iter().enumerate().map(|(n, (place, [short, long], degrees, evidence))| {
+    let found = reports.iter().enumerate().map(|(n, (position, [short, long], degrees, evidence))| {
         let turn = DMat3::from_rotation_y(degrees.to_radians());
         let spread = DMat3::from_diagonal(DVec3::new(long * long, 0.01, short * short));
         Obstacle {
             id: n as u64,
-            position_m: DVec3::from_array(*place),
+            position_m: DVec3::from_array(*position),
             covariance_m2: turn * spread * turn.transpose(),
             observed: Observed::Position,
             extent_m: DVec3::new(0.25 + 0.03 * n as f64, 0.5, 0.3),

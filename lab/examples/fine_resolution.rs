@@ -23,11 +23,11 @@ fn main() {
     let seeds: u64 = std::env::args().nth(1).map_or(5, |n| n.parse().expect("a number of seeds"));
     let mut widths: Vec<[Vec<f64>; 4]> = vec![Default::default(); APERTURES.len() + 1];
     for seed in 0..seeds {
-        let (blocks, at) = blocks(seed);
-        let blocks: Vec<&Subaperture> = blocks.iter().collect();
+        let (subapertures, at) = subapertures(seed);
+        let subapertures: Vec<&Subaperture> = subapertures.iter().collect();
         let region = Aabb { min: at - DVec3::new(0.45, 0.45, 0.2), max: at + DVec3::new(0.45, 0.45, 0.2) };
         for (n, per_aperture) in APERTURES.into_iter().enumerate() {
-            let image = fine_image(&blocks, &region, 0.005, per_aperture).expect("the region is covered");
+            let image = fine_image(&subapertures, &region, 0.005, per_aperture).expect("the region is covered");
             note(&mut widths[n + 1], &image.coherent, at);
             if n == 0 {
                 note(&mut widths[0], &image.incoherent, at);
@@ -36,7 +36,7 @@ fn main() {
         if seed == 0 {
             let cube = Aabb { min: at - 0.15, max: at + 0.15 };
             let start = Instant::now();
-            let image = fine_image(&blocks, &cube, 0.01, 1).expect("the region is covered");
+            let image = fine_image(&subapertures, &cube, 0.01, 1).expect("the region is covered");
             println!("30³ voxels, {} sub-apertures: {:.1} ms\n", image.apertures, start.elapsed().as_secs_f64() * 1e3);
         }
     }
@@ -49,7 +49,7 @@ fn main() {
 }
 
 /// Sub-apertures of one recording, and the reflector's position.
-fn blocks(seed: u64) -> (Vec<Subaperture>, DVec3) {
+fn subapertures(seed: u64) -> (Vec<Subaperture>, DVec3) {
     let scenario = Scenario::new("corner-reflector", "sphere-50cm", preset("d16").expect("d16 exists"), 2.0, seed);
     let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
     let settings = Settings::default();
@@ -60,9 +60,9 @@ fn blocks(seed: u64) -> (Vec<Subaperture>, DVec3) {
     };
     let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
     let mut builder = SubapertureBuilder::new(settings.rooms.subapertures);
-    let mut blocks: Vec<Subaperture> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
-    blocks.extend(builder.close());
-    (blocks, simulated.truth.obstacles[0].points_m[0])
+    let mut subapertures: Vec<Subaperture> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
+    subapertures.extend(builder.close());
+    (subapertures, simulated.truth.obstacles[0].points_m[0])
 }
 
 /// Width at half power through the peak along each axis, and error of the peak, metres.

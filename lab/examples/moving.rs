@@ -17,12 +17,14 @@ use radar_mapping::{Observer, ObserverSettings};
 use radar_sar::subaperture::{MtiFilter, Subaperture, SubapertureBuilder};
 use radar_simulation::{PlaySession, Session};
 
-/// A person within this range, metres, and from this two-way amplitude on is to be shown.
+/// A person within this range, metres, and from this two-way amplitude on is to be shown. Choice: a
+/// person within two steps, and inside the mapper's beam.
 const NEAR_M: f64 = 2.5;
 const AMPLITUDE: f64 = 0.25;
 /// Maximum range difference to one of a person's parts for a correct report, metres; minimum
 /// difference for a false one, metres; time for which a person's former positions still count,
-/// seconds. Choice.
+/// seconds. Choice: a chest's depth and the pulse's half width; between right and false lies a
+/// margin; as long as a track coasts.
 const RIGHT_M: f64 = 0.35;
 const FALSE_M: f64 = 0.5;
 const AFTER_S: f64 = 1.2;
@@ -31,7 +33,7 @@ const CHEST: usize = 3;
 
 #[derive(Default)]
 struct Figures {
-    blocks: u64,
+    subapertures: u64,
     not_evaluable: u64,
     seen: u64,
     seen_shown: u64,
@@ -114,8 +116,8 @@ fn play(session: &Session, options: &Options, figures: &mut Figures) {
         watch.push_hands(pose.time_ns);
         let _ = observer.push_pose(&pose);
         for observation in observer.take_ready() {
-            if let Some(block) = builder.push(observation) {
-                watch.take(&block, figures);
+            if let Some(subaperture) = builder.push(observation) {
+                watch.take(&subaperture, figures);
             }
         }
     }
@@ -154,16 +156,16 @@ impl<'a> SessionMonitor<'a> {
         }
     }
 
-    fn take(&mut self, block: &Subaperture, figures: &mut Figures) {
+    fn take(&mut self, subaperture: &Subaperture, figures: &mut Figures) {
         let start_s = cpu_s();
-        self.tracks.push(block, &self.hands, self.options.settings.rooms.tracks.hands_reach_m);
+        self.tracks.push(subaperture, &self.hands, self.options.settings.rooms.tracks.hands_reach_m);
         figures.cost_s += cpu_s() - start_s;
-        let time_s = (block.mid_time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
+        let time_s = (subaperture.mid_time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
         let sensor = self.session.sensor_at(time_s);
         let parts = self.session.visitor_at(time_s);
         let moving = self.tracks.targets();
-        let movers = self.finder.detect(block);
-        figures.blocks += 1;
+        let movers = self.finder.detect(subaperture);
+        figures.subapertures += 1;
         figures.not_evaluable += u64::from(movers.is_none());
         let is_in_beam = |part: &&DVec3| {
             let to = **part - sensor.translation;
@@ -243,8 +245,8 @@ impl Figures {
         println!(
             "played {:.1} min, {} sub-apertures, {:.1} % of them not evaluable",
             self.played_s / 60.0,
-            self.blocks,
-            percent(self.not_evaluable, self.blocks)
+            self.subapertures,
+            percent(self.not_evaluable, self.subapertures)
         );
         println!(
             "in the beam within {NEAR_M} m: {} sub-apertures, {:.1} % shown",
@@ -275,7 +277,7 @@ impl Figures {
         );
         println!(
             "cost: {:.3} ms per sub-aperture, {:.2} % of a core",
-            self.cost_s * 1e3 / self.blocks as f64,
+            self.cost_s * 1e3 / self.subapertures as f64,
             100.0 * self.cost_s / self.played_s
         );
     }

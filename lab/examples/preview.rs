@@ -13,7 +13,7 @@ use radar_chaperone::warning::{WarningSettings, WarningTracker, Warnings, Wearer
 use radar_mapping::{Observed, Obstacle, Scene, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// Edge of a voxel, metres.
+/// Edge of a voxel, metres. Choice: the mapper's own.
 const VOXEL_M: f64 = 0.05;
 
 /// Seat, back and legs as boxes: minimum and maximum corner, metres; origin on the floor below the

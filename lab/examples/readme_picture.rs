@@ -9,7 +9,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::imageops::{self, FilterType::Lanczos3};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
-/// Height of both pictures, pixels.
+/// Height of both pictures, pixels. Choice: both fit a page's width.
 const HEIGHT: u32 = 480;
 
 fn at_height(path: &str) -> RgbImage {

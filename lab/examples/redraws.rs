@@ -16,7 +16,7 @@ use radar_mapping::Scene;
 use radar_sar::geometry::Pose;
 use radar_simulation::{Scenario, Simulated};
 
-/// Period of a display frame, nanoseconds: 90 Hz.
+/// Period of a display frame, nanoseconds: 90 Hz. Choice: the usual rate of headsets, 90 Hz.
 const FRAME_NS: i64 = 11_111_111;
 
 /// A head pose for every display frame, and the scene when it has changed.

@@ -14,10 +14,11 @@ use radar_chaperone::warning::{Style, WarningSettings, WarningTracker, Warnings,
 use radar_mapping::{Observed, Obstacle, Scene, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// Size of one eye's picture, pixels.
+/// Size of one eye's picture, pixels. Choice: four styles fit a page's width.
 const WIDTH: u32 = 340;
 const HEIGHT: u32 = 360;
-/// Gap between pictures, and height of the style names above them, pixels.
+/// Gap between pictures, and height of the style names above them, pixels. Choice: one line of
+/// text.
 const GAP: u32 = 6;
 const HEAD: u32 = 34;
 
@@ -40,8 +41,8 @@ fn chair(tracking_from_chair: Pose) -> Vec<(DVec3, f32)> {
         for n in 0..(steps.element_product() as u64) {
             let (nx, ny) = (steps.x as u64, steps.y as u64);
             let cell = DVec3::new((n % nx) as f64, (n / nx % ny) as f64, (n / (nx * ny)) as f64);
-            let place = tracking_from_chair.transform_point(DVec3::from(least) + (cell + 0.5) * 0.02);
-            cells.insert((place / 0.05).floor().to_array().map(|v| v as i64));
+            let point = tracking_from_chair.transform_point(DVec3::from(least) + (cell + 0.5) * 0.02);
+            cells.insert((point / 0.05).floor().to_array().map(|v| v as i64));
         }
     }
     cells.into_iter().map(|cell| ((DVec3::from_array(cell.map(|v| v as f64)) + 0.5) * 0.05, 1.0)).collect()

@@ -15,7 +15,7 @@ struct Footprint {
 
 struct Corner {
     @builtin(position) clip: vec4f,
-    @location(0) place: vec2f,
+    @location(0) point: vec2f,
 }
 
 @vertex
@@ -43,8 +43,8 @@ fn polygon(p: vec2f) -> f32 {
 
 @fragment
 fn paint(in: Corner) -> @location(0) vec4f {
-    let d = polygon(in.place);
-    let pixel = fwidth(in.place.x);
+    let d = polygon(in.point);
+    let pixel = fwidth(in.point.x);
     let inside = clamp(0.5 - d / pixel, 0.0, 1.0);
     let outline = clamp((0.003 - abs(d)) / pixel + 0.5, 0.0, 1.0);
     // Bright line between dark borders, like the lines of panels.

@@ -37,7 +37,7 @@ const LETTER_RIM = 0.011;
 
 struct Corner {
     @builtin(position) clip: vec4f,
-    @location(0) place: vec2f,
+    @location(0) point: vec2f,
 }
 
 @vertex
@@ -119,7 +119,7 @@ fn label_distance(p: vec2f) -> f32 {
 
 @fragment
 fn paint(in: Corner) -> @location(0) vec4f {
-    let p = in.place;
+    let p = in.point;
     let pixel = fwidth(p.x);
     let half = 0.5 * panel.size;
     let to_top = half.y - p.y;
@@ -176,7 +176,7 @@ fn paint(in: Corner) -> @location(0) vec4f {
         // The glow ends before the edge of the panel.
         let rim = smoothstep(0.0, 0.05, min(to_side, to_top));
         seen = lay(seen, panel.color, (1.0 - inside) * 0.30 * exp(-max(to_shape, 0.0) / 0.025) * rim);
-        // Dark border only on the outside, so that thin places inside do not become spotted.
+        // Dark border only on the outside, so that thin parts inside do not become spotted.
         let thick = select(0.005, 0.006, panel.style == OUTLINE);
         let dark = 0.82 * smoothstep(0.0, thick, to_shape) * (1.0 - smoothstep(0.5 * RIM, RIM + pixel, to_shape - thick));
         seen = lay(lay(seen, vec3f(0.0), dark), mix(panel.color, vec3f(1.0), 0.35), line(to_shape, thick, pixel));

@@ -2,7 +2,7 @@
 // premultiplied.
 
 struct Eye {
-    clip_from_place: mat4x4<f32>,
+    clip_from_offset: mat4x4<f32>,
     right: vec4<f32>,
     up: vec4<f32>,
     // Width and height, pixels; distance of the near plane, metres.
@@ -17,8 +17,8 @@ struct Colored {
 }
 
 @vertex
-fn face_corner(@location(0) place: vec3<f32>, @location(1) color: vec4<f32>) -> Colored {
-    return Colored(eye.clip_from_place * vec4(place, 1.0), color);
+fn face_corner(@location(0) point: vec3<f32>, @location(1) color: vec4<f32>) -> Colored {
+    return Colored(eye.clip_from_offset * vec4(point, 1.0), color);
 }
 
 @fragment
@@ -36,12 +36,12 @@ struct Ball {
 @vertex
 fn ball_corner(
     @builtin(vertex_index) corner: u32,
-    @location(0) place_and_radius: vec4<f32>,
+    @location(0) center_and_radius: vec4<f32>,
     @location(1) color: vec4<f32>,
 ) -> Ball {
     let at = vec2(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
-    let place = place_and_radius.xyz + (eye.right.xyz * at.x + eye.up.xyz * at.y) * place_and_radius.w;
-    return Ball(eye.clip_from_place * vec4(place, 1.0), color, at, place_and_radius.w);
+    let point = center_and_radius.xyz + (eye.right.xyz * at.x + eye.up.xyz * at.y) * center_and_radius.w;
+    return Ball(eye.clip_from_offset * vec4(point, 1.0), color, at, center_and_radius.w);
 }
 
 @fragment
@@ -67,8 +67,8 @@ fn line_corner(
     @location(2) color: vec4<f32>,
     @location(3) width_px: f32,
 ) -> Colored {
-    var a = eye.clip_from_place * vec4(start, 1.0);
-    var b = eye.clip_from_place * vec4(end, 1.0);
+    var a = eye.clip_from_offset * vec4(start, 1.0);
+    var b = eye.clip_from_offset * vec4(end, 1.0);
     let near = eye.view.z;
     if a.w < near && b.w < near {
         return Colored(vec4(0.0, 0.0, -1.0, 1.0), color);

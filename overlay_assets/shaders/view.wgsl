@@ -2,7 +2,7 @@
 // and the warnings. Positions are relative to the eye, in the axes of the tracking frame.
 
 struct Eye {
-    clip_from_place: mat4x4f,
+    clip_from_offset: mat4x4f,
     // Axes of the eye in the tracking frame, in xyz.
     right: vec4f,
     up: vec4f,
@@ -47,11 +47,11 @@ fn backdrop(in: Sight) -> @location(0) vec4f {
     let rise = sight.y / length(sight);
     let level = max(1e-4, -sight.y);
     let away = eye.height / level;
-    let place = eye.on_floor + sight.xz * away;
+    let point = eye.on_floor + sight.xz * away;
     // Width of a pixel on the floor, along and across the line of sight, from the angle at which it
     // meets the floor.
     let pixel = vec2f(length(vec2f(1.0, sight.x / level)), length(vec2f(1.0, sight.z / level))) * away * eye.pixel;
-    let lines = max(metre_line(place.x, pixel.x), metre_line(place.y, pixel.y));
+    let lines = max(metre_line(point.x, pixel.x), metre_line(point.y, pixel.y));
     let far = exp(-away * length(sight) / 6.0);
 
     let sky = mix(vec3f(0.010, 0.014, 0.020), vec3f(0.0022, 0.003, 0.0045), smoothstep(0.0, 0.7, rise));
@@ -74,8 +74,8 @@ struct QuadCorner {
 }
 
 @vertex
-fn quad_corner(@location(0) place: vec3f, @location(1) uv: vec2f, @location(2) alpha: f32) -> QuadCorner {
-    return QuadCorner(eye.clip_from_place * vec4f(place, 1.0), uv, alpha);
+fn quad_corner(@location(0) point: vec3f, @location(1) uv: vec2f, @location(2) alpha: f32) -> QuadCorner {
+    return QuadCorner(eye.clip_from_offset * vec4f(point, 1.0), uv, alpha);
 }
 
 @fragment
@@ -96,8 +96,8 @@ fn dot_corner(@builtin(vertex_index) index: u32, @location(0) ball: vec4f) -> Do
     let on_dot = vec2f(f32(index & 1u) * 2.0 - 1.0, f32(index >> 1u) * 2.0 - 1.0);
     let away = length(ball.xyz);
     let radius = max(ball.w, 0.8 * eye.pixel * away);
-    let place = ball.xyz + (eye.right.xyz * on_dot.x + eye.up.xyz * on_dot.y) * radius;
-    return DotCorner(eye.clip_from_place * vec4f(place, 1.0), on_dot, exp(-away / 4.0));
+    let point = ball.xyz + (eye.right.xyz * on_dot.x + eye.up.xyz * on_dot.y) * radius;
+    return DotCorner(eye.clip_from_offset * vec4f(point, 1.0), on_dot, exp(-away / 4.0));
 }
 
 @fragment
@@ -135,8 +135,8 @@ fn ball_corner(
     let aside = cross(eye.up.xyz, to_eye);
     let right = select(eye.right.xyz, normalize(aside), dot(aside, aside) > 1e-6);
     let up = cross(to_eye, right);
-    let clip = eye.clip_from_place * vec4f(ball.xyz + (right * on_ball.x + up * on_ball.y) * ball.w, 1.0);
-    let middle = eye.clip_from_place * vec4f(ball.xyz, 1.0);
+    let clip = eye.clip_from_offset * vec4f(ball.xyz + (right * on_ball.x + up * on_ball.y) * ball.w, 1.0);
+    let middle = eye.clip_from_offset * vec4f(ball.xyz, 1.0);
     return BallCorner(clip, on_ball, color, vec3f(middle.z, middle.w, ball.w));
 }
 

@@ -7,15 +7,15 @@ use super::StreamCounters;
 use crate::report::Table;
 
 /// Speed of the link; uses the board's own report once there is one.
-pub fn line_speed(place: &Candidate, baud: Option<u32>, told: Option<&SystemInfo>) -> Option<LineSpeed> {
-    let expected = place.board.line_speed(baud);
-    let Some(info) = told.filter(|_| !matches!(expected, Some(LineSpeed::Usb | LineSpeed::Network))) else {
+pub fn line_speed(candidate: &Candidate, baud: Option<u32>, info: Option<&SystemInfo>) -> Option<LineSpeed> {
+    let expected = candidate.board.line_speed(baud);
+    let Some(info) = info.filter(|_| !matches!(expected, Some(LineSpeed::Usb | LineSpeed::Network))) else {
         return expected;
     };
     if info.hw.as_deref().is_some_and(|hw| hw.eq_ignore_ascii_case("xc120")) {
         return Some(LineSpeed::Usb);
     }
-    let fastest = info.max_baudrate.filter(|_| place.link(baud) == Link::Serial { baud: None });
+    let fastest = info.max_baudrate.filter(|_| candidate.link(baud) == Link::Serial { baud: None });
     fastest.map(LineSpeed::Uart).or(expected)
 }
 
@@ -129,16 +129,16 @@ mod tests {
             hw: Some(hw.into()),
             max_baudrate,
         };
-        let place = choose(Some("/dev/ttyNONE7"), &[]).unwrap();
-        assert_eq!(line_speed(&place, None, None), None);
-        assert_eq!(line_speed(&place, None, Some(&info("XC120", Some(3_000_000)))), Some(LineSpeed::Usb));
+        let candidate = choose(Some("/dev/ttyNONE7"), &[]).unwrap();
+        assert_eq!(line_speed(&candidate, None, None), None);
+        assert_eq!(line_speed(&candidate, None, Some(&info("XC120", Some(3_000_000)))), Some(LineSpeed::Usb));
         let slow = info("xm125", Some(921_600));
-        assert_eq!(line_speed(&place, None, Some(&slow)), Some(LineSpeed::Uart(921_600)));
-        assert_eq!(line_speed(&place, Some(230_400), Some(&slow)), Some(LineSpeed::Uart(230_400)));
-        let xe125 = Candidate { board: Board::Xe125, ..place.clone() };
+        assert_eq!(line_speed(&candidate, None, Some(&slow)), Some(LineSpeed::Uart(921_600)));
+        assert_eq!(line_speed(&candidate, Some(230_400), Some(&slow)), Some(LineSpeed::Uart(230_400)));
+        let xe125 = Candidate { board: Board::Xe125, ..candidate.clone() };
         assert_eq!(line_speed(&xe125, None, None), Some(LineSpeed::Uart(2_000_000)));
         assert_eq!(line_speed(&xe125, None, Some(&slow)), Some(LineSpeed::Uart(921_600)));
-        let ch340 = Candidate { board: Board::SparkfunXm125, ..place };
+        let ch340 = Candidate { board: Board::SparkfunXm125, ..candidate };
         assert_eq!(line_speed(&ch340, None, Some(&slow)), Some(LineSpeed::Uart(115_200)));
     }
 

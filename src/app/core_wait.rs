@@ -64,8 +64,8 @@ mod tests {
         };
         let cores = std::thread::available_parallelism().unwrap().get();
         let threads: Vec<_> = (0..2 * cores).map(|_| std::thread::spawn(busy)).collect();
-        let told: Vec<(i64, i64)> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
-        let (lost_ns, waited_ns) = told.into_iter().reduce(|a, b| (a.0 + b.0, a.1 + b.1)).unwrap();
+        let measured: Vec<(i64, i64)> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
+        let (lost_ns, waited_ns) = measured.into_iter().reduce(|a, b| (a.0 + b.0, a.1 + b.1)).unwrap();
         assert!(waited_ns > lost_ns / 2, "{waited_ns} of {lost_ns} ns");
     }
 }

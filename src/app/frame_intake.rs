@@ -15,9 +15,11 @@ use super::progress;
 use super::record_file::RecordFile;
 use super::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
 
-/// Longest wait for the first frame. Choice.
+/// Longest wait for the first frame. Choice: longer than a slow board's restart, baud change and
+/// two retries take, so only a dead one fails.
 const MAX_START: Duration = Duration::from_secs(30);
-/// Interval of reads of the track and of writes. Choice.
+/// Interval of reads of the track and of writes. Choice: a stop feels immediate, and an idle line
+/// costs twenty wake-ups a second.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// A chosen sensor and its set-up.
@@ -108,15 +110,15 @@ impl<'a> FrameIntake<'a> {
         Self { is_connected: Some(is_connected), ..self }
     }
 
-    /// Receives the stream until it ends or is asked to stop. `tell` adds to the progress line.
+    /// Receives the stream until it ends or is asked to stop. `note` adds to the progress line.
     pub fn run(
         &mut self,
         stream: &SensorStream,
         stop: &AtomicBool,
         until: Until,
-        tell: &dyn Fn() -> String,
+        note: &dyn Fn() -> String,
     ) -> Result<()> {
-        let (start, mut told) = (Instant::now(), Instant::now());
+        let (start, mut shown_at) = (Instant::now(), Instant::now());
         while !stop.load(Ordering::Relaxed) {
             match stream.recv_timeout(POLL_INTERVAL) {
                 Received::Event(event) => self.take(event)?,
@@ -124,9 +126,9 @@ impl<'a> FrameIntake<'a> {
                 Received::Closed => return Ok(()),
             }
             self.file.as_mut().map_or(Ok(()), RecordFile::write_due)?;
-            if told.elapsed() >= Duration::from_secs(1) {
-                told = Instant::now();
-                self.show_progress(stream, &tell());
+            if shown_at.elapsed() >= Duration::from_secs(1) {
+                shown_at = Instant::now();
+                self.show_progress(stream, &note());
             }
             match (self.first_frame, until) {
                 (None, Until::Recorded(_)) if start.elapsed() > MAX_START => {
@@ -206,8 +208,8 @@ impl<'a> FrameIntake<'a> {
     }
 
     fn set_connected(&self, is_connected: bool) {
-        if let Some(told) = self.is_connected {
-            told.store(is_connected, Ordering::Relaxed);
+        if let Some(presence) = self.is_connected {
+            presence.store(is_connected, Ordering::Relaxed);
         }
     }
 
@@ -218,7 +220,7 @@ impl<'a> FrameIntake<'a> {
     fn log_board_line(&self, line: &LogLine) {
         let is_grave = ["error", "warning", "ERROR", "WARNING"].contains(&line.level.as_str());
         let level = if is_grave { log::Level::Warn } else { log::Level::Debug };
-        self.progress.suspend(|| log::log!(level, "the board says ({}): {}", line.module, line.text));
+        self.progress.suspend(|| log::log!(level, "message of the board ({}): {}", line.module, line.text));
     }
 
     fn show_progress(&self, stream: &SensorStream, more: &str) {
@@ -248,9 +250,9 @@ impl<'a> FrameIntake<'a> {
         }
         let counters = stream.finish();
         self.progress.finish_and_clear();
-        let told = counter_lines(&counters, self.losses.lost());
+        let counts = counter_lines(&counters, self.losses.lost());
         let Some(file) = self.file.take() else {
-            told.into_iter().try_for_each(|line| outln!("{line}"))?;
+            counts.into_iter().try_for_each(|line| outln!("{line}"))?;
             return done;
         };
         let (has_file, out) = (file.has_file(), file.path().to_owned());
@@ -258,7 +260,7 @@ impl<'a> FrameIntake<'a> {
             Ok(Some((summary, track))) => {
                 outln!("{summary}")?;
                 track.map_or(Ok(()), |track| outln!("{track}"))?;
-                told.into_iter().try_for_each(|line| outln!("{line}"))?;
+                counts.into_iter().try_for_each(|line| outln!("{line}"))?;
                 outln!("Written to {}", out.display())?;
             }
             Ok(None) if done.is_ok() => outln!("Nothing was recorded: it ended before the sensor was set up")?,

@@ -3,11 +3,14 @@
 
 use std::collections::VecDeque;
 
-/// Intervals from which the typical one is computed. Choice.
+/// Intervals from which the typical one is computed. Choice: a second of d16, so that a changed
+/// frame rate is followed; odd, so that a median exists.
 const MAX_INTERVALS: usize = 63;
-/// Least number of intervals before losses are counted. Choice.
+/// Least number of intervals before losses are counted. Choice: the median ignores up to three lost
+/// frames among these.
 const MIN_INTERVALS: usize = 8;
-/// A longer pause, in typical intervals, is a jump of the sensor's clock. Choice.
+/// A longer pause, in typical intervals, is a jump of the sensor's clock. Choice: 15 s of d16; a
+/// silent line is reopened before that, which restarts the count.
 const MAX_PAUSE_INTERVALS: f64 = 1000.0;
 
 /// Counts lost frames by the frames' ticks.

@@ -5,10 +5,11 @@ use std::collections::VecDeque;
 
 use super::{Latency, LatencyReport};
 
-/// Largest number of frames tracked; beyond, the oldest are dropped. Choice.
+/// Largest number of frames tracked; beyond, the oldest are dropped. Choice: more than queue and
+/// mapper hold; reached only when no scene is published any more.
 const MAX_TRACKED_FRAMES: usize = 4096;
 /// Upper bound of the time from the end of the last sweep to the end of its frame, nanoseconds: the
-/// sensor's wind-up time.
+/// sensor's wind-up time. Choice: above the 0.88 ms of overhead a frame measured on an XC120.
 const WIND_UP_NS: i64 = 1_000_000;
 
 /// Tracks frames through the reconstruction.

@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 use radar_recording::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser};
 use radar_sar::PoseSample;
 
-/// Bytes read per call. Choice.
+/// Bytes read per call. Choice: a second of poses at 1 kHz takes some 100 kB of text, so each call
+/// catches up.
 const READ_BYTES: usize = 1 << 18;
 
 /// Counters of a track.

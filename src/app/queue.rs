@@ -10,7 +10,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
-/// Attempts at the lock before the messages stay in the backlog: a few microseconds. Choice.
+/// Attempts at the lock before the messages stay in the backlog: a few microseconds. Choice: longer
+/// than the lock is held to move a message, far shorter than a sweep.
 const LOCK_ATTEMPTS: usize = 64;
 
 /// Messages dropped because nobody fetched them in time.

@@ -27,9 +27,9 @@ pub fn registration_trouble(registration: &Registration) -> Option<String> {
 /// Path of this program.
 ///
 /// # Errors
-/// The system does not tell it.
+/// The system does not report it.
 pub fn own_path() -> Result<PathBuf> {
-    std::env::current_exe().context("cannot tell where this program is")
+    std::env::current_exe().context("cannot find the path of this program")
 }
 
 /// SteamVR starts the path in its manifest, from which the program may have been moved.

@@ -15,24 +15,30 @@ use super::{Dropped, Latency, LatencyReport, Received, now_ns, thread_cpu_ns};
 use a121::find::{Candidate, find_replugged, list_ports};
 use a121::{Action, Address, ClockReport, Event, Line, PortError, Session, SessionCounters, SessionError, Setup};
 
-/// Longest wait for bytes, nanoseconds: bounds the reaction time to a stop. Choice.
+/// Longest wait for bytes, nanoseconds: bounds the reaction time to a stop. Choice: a stop is not
+/// noticeably late; fifty wake-ups a second on an idle line.
 const MAX_WAIT_NS: i64 = 20_000_000;
-/// Interval of attempts to reopen a lost port, nanoseconds. Choice.
+/// Interval of attempts to reopen a lost port, nanoseconds. Choice: a replugged board costs half a
+/// second at most; looking for ports reads a few files.
 const RETRY_NS: i64 = 500_000_000;
-/// A port that stays lost for longer is reported with the reason, nanoseconds. Choice.
+/// A port that stays lost for longer is reported with the reason, nanoseconds. Choice: a board that
+/// was just plugged in has its permissions by then.
 const REPORT_AFTER_NS: i64 = 2_000_000_000;
-/// A board that has not stopped by then is abandoned, nanoseconds. Choice.
+/// A board that has not stopped by then is abandoned, nanoseconds. Choice: longer than the session
+/// waits for the board to confirm and to send what it has buffered.
 const MAX_STOP_NS: i64 = 5_000_000_000;
-/// Interval of the shared counters, nanoseconds. Choice.
+/// Interval of the shared counters, nanoseconds. Choice: as often as a display is drawn.
 const COUNTERS_INTERVAL_NS: i64 = 100_000_000;
-/// Bounds for lines of the board's log and for other events that wait for a slow reader. Choice.
+/// Bounds for lines of the board's log and for other events that wait for a slow reader. Choice:
+/// enough lines to explain a fault, while a board that logs without end fills no memory. Other
+/// events come a few at a time.
 const MAX_LOGS: usize = 256;
 const MAX_OTHERS: usize = 1024;
 /// Channels of the queue.
 const FRAMES: usize = 0;
 const LOGS: usize = 1;
 const OTHERS: usize = 2;
-/// Bytes read at once: more than a port's buffer holds.
+/// Bytes read at once. Choice: more than a port's buffer holds, so one call empties it.
 const READ_BYTES: usize = 1 << 16;
 
 /// Options of a stream.
@@ -114,9 +120,9 @@ impl SensorStream {
     ///
     /// # Errors
     /// The port does not open; the set-up is invalid.
-    pub fn open(setup: Setup, place: &Candidate, options: &StreamOptions) -> Result<Self, StreamError> {
-        let line = Line::open(&place.address)?;
-        let session = Session::new(setup, place.link(options.baud), now_ns())?;
+    pub fn open(setup: Setup, candidate: &Candidate, options: &StreamOptions) -> Result<Self, StreamError> {
+        let line = Line::open(&candidate.address)?;
+        let session = Session::new(setup, candidate.link(options.baud), now_ns())?;
         let shared = Arc::new(Shared {
             queue: Queue::new([options.max_results, MAX_LOGS, MAX_OTHERS]),
             counters: Mutex::default(),
@@ -125,7 +131,7 @@ impl SensorStream {
         let reader = Reader {
             session,
             line: Some(line),
-            place: place.clone(),
+            place: candidate.clone(),
             shared: Arc::clone(&shared),
             buffer: vec![0; READ_BYTES],
             start_ns: now_ns(),

@@ -20,9 +20,10 @@ use radar_mapping::Event;
 use radar_recording::Header;
 use radar_sar::PoseSample;
 
-/// Interval of searches for a board. Choice.
+/// Interval of searches for a board. Choice: a plugged-in board is used within two seconds, and
+/// listing the ports costs little.
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
-/// Reaction time to a stop while waiting. Choice.
+/// Reaction time to a stop while waiting. Choice: shorter than one perceives.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// State shared between the sensor's thread and the frame loop.
@@ -31,7 +32,7 @@ pub struct SensorSupervisor {
     reconstruction: OnceLock<Reconstruction>,
     /// Settings of the reconstruction.
     settings: Mutex<Settings>,
-    /// Configuration, place and mount, once there is a sensor.
+    /// Configuration, port and mount, once there is a sensor.
     sensor: OnceLock<Header>,
     sensor_period_ns: AtomicI64,
     /// End of the newest frame, host nanoseconds, and the newest head pose, for the view.
@@ -49,7 +50,7 @@ pub struct SensorSupervisor {
     recorded_poses: Option<SyncSender<Event>>,
 }
 
-/// Finds the sensor, or says what is missing.
+/// Finds the sensor, or states what is missing.
 pub type ChooseSensor = Arc<dyn Fn() -> Result<ChosenSensor> + Send + Sync>;
 
 /// Parameters of the thread.
@@ -123,7 +124,7 @@ impl SensorSupervisor {
         self.is_connected.load(Ordering::Relaxed).then_some(SensorCount { sweeps, lost })
     }
 
-    /// Configuration, place and mount, once there is a sensor.
+    /// Configuration, port and mount, once there is a sensor.
     pub fn sensor(&self) -> Option<&Header> {
         self.sensor.get()
     }
@@ -209,15 +210,15 @@ impl SensorSupervisor {
 
     /// Retries until it succeeds or the program ends; logs what is missing once.
     fn retry_until<T>(&self, attempt: impl Fn() -> Result<T>, missing: &str) -> Option<T> {
-        let mut told = String::new();
+        let mut logged = String::new();
         while !self.stop.load(Ordering::Relaxed) {
             match attempt() {
                 Ok(found) => return Some(found),
                 Err(error) => {
                     let text = format!("{error:#}");
-                    if text != told {
+                    if text != logged {
                         log::warn!("{missing}: {text}. Retrying every {} s", RETRY_INTERVAL.as_secs());
-                        told = text;
+                        logged = text;
                     }
                 }
             }

@@ -8,7 +8,7 @@ use super::*;
 use a121::SensorFrame;
 use a121::find::{Board, choose};
 
-/// Upper bound of every wait.
+/// Upper bound of every wait. Choice: a loaded machine passes, a hang fails.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
 fn open(address: &str, options: &StreamOptions) -> SensorStream {
@@ -95,11 +95,11 @@ fn replugged_terminal_streams_again() {
     let stream = open(link.to_str().unwrap(), &StreamOptions::default());
     next_frame(&stream);
     board.pull();
-    let told = until(&stream, |event| match event {
+    let reason = until(&stream, |event| match event {
         StreamEvent::Session(Event::Trouble(error)) => Some(error.to_string()),
         _ => None,
     });
-    assert!(told.contains("the connection is lost"), "{told}");
+    assert!(reason.contains("the connection is lost"), "{reason}");
     board.plug_in();
     until(&stream, reopened);
     next_frame(&stream);
@@ -142,12 +142,12 @@ fn stopping_is_bounded_in_time() {
 
 #[test]
 fn open_errors_are_immediate() {
-    let place = choose(Some("/dev/ttyNONE7"), &[]).unwrap();
-    assert_eq!(place.board, Board::Unknown);
-    let error = SensorStream::open(setup(), &place, &StreamOptions::default()).err().unwrap();
+    let candidate = choose(Some("/dev/ttyNONE7"), &[]).unwrap();
+    assert_eq!(candidate.board, Board::Unknown);
+    let error = SensorStream::open(setup(), &candidate, &StreamOptions::default()).err().unwrap();
     assert!(matches!(error, StreamError::Port(PortError::NotFound { .. })), "{error}");
     let (_board, address) = TestBoard::on_tcp();
-    let place = choose(Some(&format!("tcp:{address}")), &[]).unwrap();
-    let error = SensorStream::open(Setup::default(), &place, &StreamOptions::default()).err().unwrap();
+    let candidate = choose(Some(&format!("tcp:{address}")), &[]).unwrap();
+    let error = SensorStream::open(Setup::default(), &candidate, &StreamOptions::default()).err().unwrap();
     assert!(matches!(error, StreamError::Session(SessionError::NoSensors)), "{error}");
 }

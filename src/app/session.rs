@@ -22,13 +22,16 @@ use crate::openvr::{Chaperone, OpenVrError, Role, Runtime, RuntimePaths};
 use crate::settings::Settings;
 use crate::viewer::Recorder;
 
-/// Interval of checks for SteamVR. Choice.
+/// Interval of checks for SteamVR. Choice: each check connects as a background application, which
+/// loads the runtime's library.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
-/// Reaction time to a stop while waiting. Choice.
+/// Reaction time to a stop while waiting. Choice: shorter than one perceives.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Longest wait for a board to stop when nothing is recorded. Choice.
+/// Longest wait for a board to stop when nothing is recorded. Choice: a sensor that does not answer
+/// must not delay the end of the program that SteamVR waits for.
 const MAX_STOP: Duration = Duration::from_millis(600);
-/// Longest wait for the end of a recording. Choice.
+/// Longest wait for the end of a recording. Choice: the stream's 30 s without events and the
+/// board's 5 s fit; a recording that is abandoned lacks its index.
 const MAX_RECORDING_STOP: Duration = Duration::from_secs(40);
 
 /// What a run with SteamVR does.
@@ -86,16 +89,16 @@ impl SessionOptions {
     /// Connects to SteamVR; `None`: asked to stop while waiting. Never starts SteamVR, which a
     /// session that draws would do.
     fn connect(&self, stop: &AtomicBool) -> Result<Option<Runtime>> {
-        let mut told = None;
+        let mut printed = None;
         while !stop.load(Ordering::Relaxed) {
-            let place = RuntimePaths::find()?;
-            let there = Runtime::start(&place, Role::Background).map(drop);
-            match there.and_then(|()| Runtime::start(&place, Role::Overlay)) {
+            let paths = RuntimePaths::find()?;
+            let there = Runtime::start(&paths, Role::Background).map(drop);
+            match there.and_then(|()| Runtime::start(&paths, Role::Overlay)) {
                 Ok(runtime) => return Ok(Some(runtime)),
                 Err(error) if !(self.wait && is_transient(&error)) => return Err(error.into()),
-                Err(error) if told.as_ref() != Some(&error) => {
+                Err(error) if printed.as_ref() != Some(&error) => {
                     outln!("Waiting for SteamVR: {error}")?;
-                    told = Some(error);
+                    printed = Some(error);
                 }
                 Err(_) => {}
             }
@@ -223,7 +226,8 @@ fn apply_settings(supervisor: &SensorSupervisor, before: &Settings, new: &Settin
     }
 }
 
-/// Default fade distance of SteamVR's chaperone, metres.
+/// Default fade distance of SteamVR's chaperone, metres. Source: SteamVR's default settings,
+/// collisionBounds.CollisionBoundsFadeDistance.
 const CHAPERONE_FADE_M: f64 = 0.7;
 /// A smaller fade distance of the chaperone does not reduce the warnings' below this, metres.
 /// Choice: a walker at 1.2 m/s covers half of it before the next foot is down.

@@ -83,7 +83,8 @@ fn latency(report: &LatencyReport) -> Value {
 
 /// Prints the report.
 pub fn print_report(report: &SessionReport) -> Result<()> {
-    let HeadsetStatus { frames, pictures, recentred, forgotten, devices_lost, refused, .. } = report.headset;
+    let HeadsetStatus { frames, pictures, recentred, forgotten: map_resets, devices_lost, refused, .. } =
+        report.headset;
     let ms = |seconds: f64| seconds * 1e3;
     outln!(
         "Frames    {} seen, {} missed by this program, {} waiting for a free core, {} elsewhere; {:.2} ms of processor each (p99.9 {:.2}, max {:.2})",
@@ -109,7 +110,7 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
         outln!("Time      offset {:.1} ± {:.1} ms in use", ms(report.time_offset_s), ms(sigma_s))?;
     }
     outln!(
-        "Overlays  {pictures} pictures handed over; recentred {recentred} times, map reset {forgotten}, graphics device \
+        "Overlays  {pictures} pictures handed over; recentred {recentred} times, map reset {map_resets}, graphics device \
          lost {devices_lost}, calls refused {refused}"
     )
 }

@@ -14,9 +14,9 @@ use serialport::{SerialPort, TTYPort};
 use a121::Setup;
 use a121::{SensorConfig, Subsweep, preset};
 
-/// Samples per frame.
+/// Samples per frame. Choice: small, so that the tests measure the reader and not the line.
 pub(super) const SAMPLES: usize = 40;
-/// Interval of frames.
+/// Interval of frames. Choice: hundreds of frames within a test of seconds.
 const PERIOD: Duration = Duration::from_millis(5);
 
 /// The set-up that the tests request.

@@ -11,7 +11,8 @@ use crate::app::progress;
 use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot, write_atomically};
 use radar_mapping::{OffsetWindow, Synchronisation, synchronisation};
 
-/// Margin of the enlarged figure before and after the first window, seconds. Choice.
+/// Margin of the enlarged figure before and after the first window, seconds. Choice: the onset of
+/// the motion stays visible on either side of a window.
 const ENLARGED_S: f64 = 0.5;
 
 /// Estimates the time offset between poses and sweeps of a recording, at its start and later

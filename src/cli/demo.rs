@@ -148,9 +148,10 @@ const SCENES: [DemoScene; 6] = [
     },
 ];
 
-/// Edge of the voxels in the demo's volumes, metres. Choice.
+/// Edge of the voxels in the demo's volumes, metres. Choice: the mapper's own; finer would make the
+/// page's volumes and the run larger without showing more.
 const VOXEL_M: f64 = 0.05;
-/// Side of an eye preview, pixels. Choice.
+/// Side of an eye preview, pixels. Choice: two fit side by side on the page.
 const PREVIEW_PX: u32 = 640;
 
 /// Result of one scene.
@@ -315,8 +316,9 @@ fn volume(image: Image, file: &Path, settings: &Settings, mapper: &Mapper, truth
         }
         Image::Subaperture | Image::Found => {
             // All sub-apertures have the same weight: the picture covers the whole recording.
-            let blocks = radar_sar::subaperture::SubapertureSettings { decay_s: 100.0, ..settings.rooms.subapertures };
-            subaperture_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
+            let subapertures =
+                radar_sar::subaperture::SubapertureSettings { decay_s: 100.0, ..settings.rooms.subapertures };
+            subaperture_volume(&observations, &settings.radar.beam, &subapertures, &region, VOXEL_M)
         }
     })
 }
@@ -324,8 +326,8 @@ fn volume(image: Image, file: &Path, settings: &Settings, mapper: &Mapper, truth
 /// The shapes of the obstacles found, as a volume.
 fn volume_of_shapes(room: &Aabb, scene: &Scene) -> Volume {
     let mut volume = Volume::covering(room, VOXEL_M);
-    for (place, score) in scene.obstacles.iter().flat_map(|o| &o.shape).filter(|(place, _)| room.contains(*place)) {
-        let voxel = ((*place - volume.origin_m) / volume.voxel_m).floor().to_array().map(|n| n.max(0.0) as usize);
+    for (point, score) in scene.obstacles.iter().flat_map(|o| &o.shape).filter(|(point, _)| room.contains(*point)) {
+        let voxel = ((*point - volume.origin_m) / volume.voxel_m).floor().to_array().map(|n| n.max(0.0) as usize);
         if (0..3).all(|axis| voxel[axis] < volume.size[axis]) {
             let index = volume.index(voxel);
             volume.values[index] = volume.values[index].max(*score);

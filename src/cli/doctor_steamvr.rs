@@ -9,28 +9,28 @@ use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Univ
 
 /// Checks SteamVR. A computer without SteamVR has nothing to fix: it records and replays.
 pub(super) fn check_steamvr(findings: &mut Findings) -> Result<()> {
-    let place = match RuntimePaths::find() {
-        Ok(place) => place,
+    let paths = match RuntimePaths::find() {
+        Ok(paths) => paths,
         Err(error @ OpenVrError::NotInstalled(_)) => {
             return findings.warn("SteamVR", &format!("{error}; for recording and replay it is not needed"));
         }
         Err(error) => return findings.fix("SteamVR", &error.to_string()),
     };
-    findings.ok("SteamVR", &format!("in {}", place.runtime.display()))?;
-    check_registration(findings, &place)?;
-    match Runtime::start(&place, Role::Background) {
+    findings.ok("SteamVR", &format!("in {}", paths.runtime.display()))?;
+    check_registration(findings, &paths)?;
+    match Runtime::start(&paths, Role::Background) {
         Ok(runtime) => check_running(findings, &runtime),
         Err(error @ OpenVrError::NotRunning) => findings.warn("Running", &error.to_string()),
         Err(error) => findings.fix("Running", &error.to_string()),
     }
 }
 
-fn check_registration(findings: &mut Findings, place: &RuntimePaths) -> Result<()> {
-    let registration = match Runtime::start(place, Role::Utility) {
+fn check_registration(findings: &mut Findings, paths: &RuntimePaths) -> Result<()> {
+    let registration = match Runtime::start(paths, Role::Utility) {
         Ok(runtime) => runtime.registration(),
         Err(error) => {
             return findings
-                .warn("Manifest", &format!("SteamVR does not tell whether it starts this program: {error}"));
+                .warn("Manifest", &format!("SteamVR does not report whether it starts this program: {error}"));
         }
     };
     match (&registration, registration_trouble(&registration)) {

@@ -36,11 +36,11 @@ impl Install {
     pub fn run(&self) -> Result<()> {
         // SteamVR would report errors in them to nobody.
         check_run(&self.arguments)?;
-        let place = RuntimePaths::find()?;
+        let paths = RuntimePaths::find()?;
         let binary = own_path()?;
         let path = manifest_path()?;
         write_files(&path, &binary, &self.run_arguments())?;
-        let runtime = Runtime::start(&place, Role::Utility)?;
+        let runtime = Runtime::start(&paths, Role::Utility)?;
         runtime.register(&path)?;
         runtime.set_autolaunch(!self.no_autolaunch)?;
         let registration = runtime.registration();
@@ -74,8 +74,8 @@ impl Install {
 impl Uninstall {
     pub fn run(&self) -> Result<()> {
         let path = manifest_path()?;
-        let place = RuntimePaths::find()?;
-        let runtime = Runtime::start(&place, Role::Utility)?;
+        let paths = RuntimePaths::find()?;
+        let runtime = Runtime::start(&paths, Role::Utility)?;
         let was_known = runtime.registration().is_registered;
         if was_known {
             // The autolaunch switch would outlive the manifest and apply to the next one.

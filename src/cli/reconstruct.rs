@@ -98,10 +98,11 @@ struct Computed {
     extra: Map<String, Value>,
 }
 
-/// Largest number of voxels: 2 GiB of volume.
+/// Largest number of voxels: 2 GiB of volume. Choice: 2 GiB of volume, which fits the memory of
+/// most computers.
 const MAX_VOXELS: f64 = 512e6;
 /// Largest number of sweeps: their tables take 5 to 16 kB each, and 30 kB more for an adaptive
-/// search.
+/// search. Choice: 1 GiB at most, which fits the memory of most computers beside the volume.
 const MAX_SWEEPS_DENSE: usize = 60_000;
 const MAX_SWEEPS_ADAPTIVE: usize = 20_000;
 

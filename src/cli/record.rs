@@ -17,7 +17,8 @@ use crate::app::{PoseSource, RecordFile};
 use crate::openvr::{Role, Runtime, RuntimePaths};
 use radar_mapping::Event;
 
-/// Poses of the headset per second. Choice.
+/// Poses of the headset per second. Choice: a pose within 2 ms of every sweep, more often than any
+/// headset displays.
 const POSES_HZ: f64 = 250.0;
 
 /// Records a sensor's frames, and head poses from SteamVR or a track
@@ -91,8 +92,8 @@ impl Record {
         if self.no_poses || self.poses.is_some() {
             return None;
         }
-        let place = RuntimePaths::find().ok()?;
-        match Runtime::start(&place, Role::Background) {
+        let paths = RuntimePaths::find().ok()?;
+        match Runtime::start(&paths, Role::Background) {
             Ok(runtime) => Some(runtime),
             Err(error) => {
                 log::info!("SteamVR provides no poses: {error}");

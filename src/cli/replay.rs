@@ -228,12 +228,12 @@ pub(super) fn write_obstacles(path: &Path, scene: &Scene, mapper: &Mapper) -> Re
 /// Writes the obstacles' positions with evidence and covariance, and all their points, as point
 /// clouds.
 fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
-    let place = |obstacle: &radar_mapping::Obstacle| CloudPoint {
+    let cloud_point = |obstacle: &radar_mapping::Obstacle| CloudPoint {
         position_m: obstacle.position_m,
         value: obstacle.evidence as f32,
         covariance_m2: Some(obstacle.covariance_m2),
     };
-    write_cloud(&folder.join("obstacles.ply"), &scene.obstacles.iter().map(place).collect::<Vec<_>>())?;
+    write_cloud(&folder.join("obstacles.ply"), &scene.obstacles.iter().map(cloud_point).collect::<Vec<_>>())?;
     let shape: Vec<_> = scene.obstacles.iter().flat_map(|obstacle| obstacle.shape.iter().copied()).collect();
     Ok(write_ply(&folder.join("shape.ply"), &shape)?)
 }
@@ -261,7 +261,7 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper) -> String {
     }
     if streams.observations == 0 {
         text +=
-            "No sweep has a pose, so nothing could be imaged. `radar-chaperone info` tells what the recording holds.\n";
+            "No sweep has a pose, so nothing could be imaged. `radar-chaperone info` shows what the recording holds.\n";
     }
     let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let (obstacles, walls) = (counted(scene.obstacles.len(), "obstacle"), counted(scene.walls.len(), "wall"));
@@ -295,7 +295,7 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper) -> String {
 fn time_offset(mapper: &Mapper) -> String {
     let in_force = format!("{:+.1} ms", mapper.time_offset_s() * 1e3);
     let found = match mapper.time_offset_estimate() {
-        Some(e) if e.observable => format!("the data say {:+.1} ± {:.1} ms", e.offset_s * 1e3, e.sigma_s * 1e3),
+        Some(e) if e.observable => format!("the data give {:+.1} ± {:.1} ms", e.offset_s * 1e3, e.sigma_s * 1e3),
         Some(_) => "not observable: this motion does not separate it from depth".into(),
         None if mapper.counters().time_offset.estimates > 0 => "not estimated from the data".into(),
         None => "as set".into(),

@@ -13,7 +13,8 @@ use super::import::parse_mount;
 use super::simulate::read_config;
 use crate::app::ChosenSensor;
 
-/// Largest calibration file, bytes. Choice.
+/// Largest calibration file, bytes. Choice: all calibrations of a board fit the protocol's line of
+/// 16 kB; a wrong path to a large file is refused at once.
 const MAX_CALIBRATION_BYTES: u64 = 1 << 20;
 
 /// Command-line arguments of the sensor.
@@ -60,11 +61,11 @@ impl SensorArguments {
     }
 
     /// The given configuration, or the board's default, with its name.
-    fn config_for(&self, place: &Candidate) -> Result<(String, SensorConfig)> {
+    fn config_for(&self, candidate: &Candidate) -> Result<(String, SensorConfig)> {
         if let Some(path) = &self.config {
             return Ok((path.display().to_string(), read_config(path)?));
         }
-        let name = self.preset.as_deref().unwrap_or(place.board.default_preset());
+        let name = self.preset.as_deref().unwrap_or(candidate.board.default_preset());
         let config = preset(name).ok_or_else(|| anyhow!("preset \"{name}\" is not known"))?;
         Ok((name.to_owned(), config))
     }

@@ -17,11 +17,12 @@ use a121::device::{
 use radar_sar::geometry::Pose;
 use radar_simulation::{LiveScenario, Scenario};
 
-/// Length of the head's path, which is followed back and forth, seconds. Choice.
+/// Length of the head's path, which is followed back and forth, seconds. Choice: longer than a play
+/// session; bounds what is computed beforehand.
 const PATH_S: f64 = 3600.0;
-/// Longest duration, seconds: a year. Choice.
+/// Longest duration, seconds: a year. Choice: far within i64 nanoseconds, and longer than any test.
 const MAX_DURATION_S: f64 = 3.2e7;
-/// Longest delay of the motion's start, seconds. Choice.
+/// Longest delay of the motion's start, seconds. Choice: the path's length.
 const MAX_START_DELAY_S: f64 = 3600.0;
 
 /// Arguments for serving instead of recording.
@@ -88,7 +89,7 @@ impl Serve {
             bail!("--track-out writes the whole track beforehand: give --duration-s, at most {PATH_S} s");
         }
         scenario.duration_s = PATH_S;
-        let place = ServeAddress::parse(self.serve.as_deref().unwrap_or_default(), self.any_address)?;
+        let address = ServeAddress::parse(self.serve.as_deref().unwrap_or_default(), self.any_address)?;
         let name = self.board.as_deref().unwrap_or(Board::Xc120.name());
         let board = Board::from_name(name).ok_or_else(|| anyhow!("board \"{name}\" is not known"))?;
         let plan = FaultPlan::parse(self.faults.as_deref().unwrap_or_default())?;
@@ -108,9 +109,9 @@ impl Serve {
         }
         let source = RoomSamples { live: live.clone(), origin_ns };
         let device = Device::new(board, Box::new(source), plan, scenario.seed, monotonic_ns());
-        let mut server = Server::open(place.clone(), device)?;
+        let mut server = Server::open(address.clone(), device)?;
         let mut track = self.poses_out.as_deref().map(Track::create).transpose()?;
-        self.print_usage(&place, &scenario, board, origin_ns)?;
+        self.print_usage(&address, &scenario, board, origin_ns)?;
         let end_ns = duration_s.map_or(i64::MAX, |seconds| origin_ns + (seconds * 1e9) as i64);
         let mut poses = poses;
         while monotonic_ns() < end_ns && !stopped.load(Ordering::Relaxed) {
@@ -123,8 +124,8 @@ impl Serve {
         outln!("{}", counters_text(&server.device().counters(), server.clients(), track.as_ref().map(|t| t.poses)))
     }
 
-    fn print_usage(&self, place: &ServeAddress, scenario: &Scenario, board: Board, origin_ns: i64) -> Result<()> {
-        let port = place.port();
+    fn print_usage(&self, address: &ServeAddress, scenario: &Scenario, board: Board, origin_ns: i64) -> Result<()> {
+        let port = address.port();
         outln!(
             "{}, {}, seed {}, as a board {}, at {port}",
             scenario.scene,

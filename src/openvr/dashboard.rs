@@ -78,7 +78,7 @@ impl DashboardTab {
         // runtime wrote.
         let kind = unsafe { (*event.as_ptr()).eventType } as sys::EVREventType;
         // SAFETY: the data is plain numbers whatever the runtime wrote. It is used only if the kind
-        // says that it is mouse data.
+        // states that it is mouse data.
         let mouse =
             unsafe { std::ptr::addr_of!((*event.as_ptr()).data).cast::<sys::VREvent_Mouse_t>().read_unaligned() };
         // The runtime counts from the lower edge.

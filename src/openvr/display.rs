@@ -7,8 +7,10 @@ use super::runtime::{Runtime, call};
 use super::sys;
 use radar_sar::geometry::Pose;
 
+/// Index of the headset among the tracked devices (OpenVR).
 pub(super) const HEADSET: u32 = sys::k_unTrackedDeviceIndex_Hmd as u32;
-/// Defaults if the headset reports nothing: 90 Hz, and the display time of one such frame, seconds.
+/// Used if the headset reports nothing: the rate, and the display time of one frame, seconds.
+/// Choice: 90 Hz is the usual rate; one that is wrong by half moves a drawing by milliseconds.
 const DEFAULT_FRAME_HZ: f64 = 90.0;
 const DEFAULT_VSYNC_TO_PHOTONS_S: f64 = 0.011;
 

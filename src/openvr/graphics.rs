@@ -7,7 +7,8 @@ use super::runtime::{Runtime, call};
 use super::sys;
 use super::vulkan::{VulkanDevice, VulkanError, VulkanRequirements, open};
 
-/// Limit of an extension list, bytes. Choice.
+/// Limit of an extension list, bytes. Choice: a list has a few hundred bytes; a runtime that
+/// reports nonsense must not take memory.
 const MAX_LIST_BYTES: u32 = 1 << 16;
 
 impl Runtime {

@@ -5,7 +5,8 @@ use glam::{DMat3, DQuat, DVec3};
 use super::sys::HmdMatrix34_t;
 use radar_sar::geometry::Pose;
 
-/// Tolerance of each entry of a rotation matrix times its transpose against the identity. Choice.
+/// Tolerance of each entry of a rotation matrix times its transpose against the identity. Choice:
+/// f32 rounds at 1e-7 and runtimes' matrices drift a little; at more than 1e-3 it is no pose.
 const ORTHONORMALITY_TOLERANCE: f64 = 1e-3;
 
 /// The pose of a matrix `a_from_b`; `None` if the matrix is not rigid.
@@ -15,8 +16,8 @@ pub(super) fn pose(matrix: &HmdMatrix34_t) -> Option<Pose> {
     let turn = DMat3::from_cols(column(0), column(1), column(2));
     let away = turn.transpose() * turn - DMat3::IDENTITY;
     let is_turn = away.to_cols_array().iter().all(|v| v.abs() <= ORTHONORMALITY_TOLERANCE) && turn.determinant() > 0.0;
-    let place = column(3);
-    (is_turn && place.is_finite()).then(|| Pose::new(place, DQuat::from_mat3(&turn)))
+    let translation = column(3);
+    (is_turn && translation.is_finite()).then(|| Pose::new(translation, DQuat::from_mat3(&turn)))
 }
 
 /// The matrix of a pose.

@@ -99,9 +99,9 @@ impl Overlay {
         if self.pose.get() == Some((universe, *pose)) {
             return Ok(());
         }
-        let mut place = matrix(pose);
-        let error = call!(self.table, SetOverlayTransformAbsolute(self.handle, universe.origin(), &mut place));
-        check_call(self.table, "the place of an overlay", error)?;
+        let mut transform = matrix(pose);
+        let error = call!(self.table, SetOverlayTransformAbsolute(self.handle, universe.origin(), &mut transform));
+        check_call(self.table, "the pose of an overlay", error)?;
         self.pose.set(Some((universe, *pose)));
         Ok(())
     }
@@ -111,10 +111,10 @@ impl Overlay {
     /// # Errors
     /// The runtime rejects the call.
     pub fn set_pose_on_head(&self, pose: &Pose) -> Result<(), OpenVrError> {
-        let mut place = matrix(pose);
-        let error = call!(self.table, SetOverlayTransformTrackedDeviceRelative(self.handle, HEADSET, &mut place));
+        let mut transform = matrix(pose);
+        let error = call!(self.table, SetOverlayTransformTrackedDeviceRelative(self.handle, HEADSET, &mut transform));
         self.pose.set(None);
-        check_call(self.table, "the place of an overlay on the head", error)
+        check_call(self.table, "the pose of an overlay on the head", error)
     }
 
     /// Makes it fill the view of one eye. `pose` and `tangents` (left, right, top, bottom as in
@@ -129,7 +129,7 @@ impl Overlay {
         tangents: [f64; 4],
         side: EyeSide,
     ) -> Result<(), OpenVrError> {
-        let mut place = matrix(pose);
+        let mut transform = matrix(pose);
         let [left, right, top, bottom] = tangents.map(|t| t as f32);
         let mut projection = sys::VROverlayProjection_t { fLeft: left, fRight: right, fTop: top, fBottom: bottom };
         let eye = match side {
@@ -138,7 +138,7 @@ impl Overlay {
         };
         let error = call!(
             self.table,
-            SetOverlayTransformProjection(self.handle, universe.origin(), &mut place, &mut projection, eye)
+            SetOverlayTransformProjection(self.handle, universe.origin(), &mut transform, &mut projection, eye)
         );
         self.pose.set(None);
         check_call(self.table, "the projection of an overlay", error)

@@ -66,19 +66,19 @@ impl DevicePose {
         velocity_m_per_s: DVec3::ZERO,
     };
 
-    fn of(told: &sys::TrackedDevicePose_t) -> Self {
-        let state = match told.eTrackingResult {
+    fn of(raw: &sys::TrackedDevicePose_t) -> Self {
+        let state = match raw.eTrackingResult {
             sys::ETrackingResult_TrackingResult_Running_OK => TrackingState::Ok,
             sys::ETrackingResult_TrackingResult_Running_OutOfRange => TrackingState::OutOfRange,
             sys::ETrackingResult_TrackingResult_Fallback_RotationOnly => TrackingState::RotationOnly,
             _ => TrackingState::NotTracking,
         };
-        let [x, y, z] = told.vVelocity.v.map(f64::from);
+        let [x, y, z] = raw.vVelocity.v.map(f64::from);
         Self {
-            connected: told.bDeviceIsConnected,
-            valid: told.bPoseIsValid,
+            connected: raw.bDeviceIsConnected,
+            valid: raw.bPoseIsValid,
             state,
-            pose: pose(&told.mDeviceToAbsoluteTracking),
+            pose: pose(&raw.mDeviceToAbsoluteTracking),
             velocity_m_per_s: DVec3::new(x, y, z),
         }
     }
@@ -107,6 +107,7 @@ impl Hands {
     pub const NONE: Self = Self([sys::k_unTrackedDeviceIndexInvalid as u32; 2]);
 }
 
+/// Length of the runtime's table of tracked devices (OpenVR).
 const MAX_DEVICES: usize = sys::k_unMaxTrackedDeviceCount as usize;
 
 impl Runtime {
@@ -130,14 +131,11 @@ impl Runtime {
 
     /// Poses `ahead_s` seconds from now.
     pub fn poses(&self, universe: Universe, ahead_s: f64, hands: Hands) -> Poses {
-        let mut told = [INVALID_POSE; MAX_DEVICES];
+        let mut raw = [INVALID_POSE; MAX_DEVICES];
         // Requests only the devices that are used.
         let count = hands.0.iter().filter(|index| (**index as usize) < MAX_DEVICES).max().map_or(1, |last| last + 1);
-        call!(
-            self.system,
-            GetDeviceToAbsoluteTrackingPose(universe.origin(), ahead_s as f32, told.as_mut_ptr(), count)
-        );
-        let device = |index: u32| told.get(index as usize).map_or(DevicePose::NONE, DevicePose::of);
+        call!(self.system, GetDeviceToAbsoluteTrackingPose(universe.origin(), ahead_s as f32, raw.as_mut_ptr(), count));
+        let device = |index: u32| raw.get(index as usize).map_or(DevicePose::NONE, DevicePose::of);
         Poses { head: device(sys::k_unTrackedDeviceIndex_Hmd as u32), hands: hands.0.map(device) }
     }
 
@@ -147,14 +145,14 @@ impl Runtime {
     /// head's pose in either universe. `None` if the runtime gives no pose, or the head is not
     /// tracked.
     pub fn standing_from_raw(&self) -> Option<Pose> {
-        let told = pose(&call!(self.system, GetRawZeroPoseToStandingAbsoluteTrackingPose()))?;
+        let raw_zero = pose(&call!(self.system, GetRawZeroPoseToStandingAbsoluteTrackingPose()))?;
         let head = |universe| self.poses(universe, 0.0, Hands::NONE).head.valid_pose();
         let (raw, standing) = (head(Universe::Raw)?, head(Universe::Standing)?);
         let away = |candidate: &Pose| {
             let there = *candidate * raw;
             there.translation.distance(standing.translation) + there.rotation.angle_between(standing.rotation)
         };
-        [told, told.inverse()].into_iter().min_by(|a, b| away(a).total_cmp(&away(b)))
+        [raw_zero, raw_zero.inverse()].into_iter().min_by(|a, b| away(a).total_cmp(&away(b)))
     }
 }
 

@@ -91,21 +91,21 @@ impl Runtime {
     /// # Errors
     /// The library is not a VR runtime; the runtime is not running, rejects the connection, or is
     /// too old; or this process already has a session.
-    pub fn start(place: &RuntimePaths, role: Role) -> Result<Self, OpenVrError> {
+    pub fn start(paths: &RuntimePaths, role: Role) -> Result<Self, OpenVrError> {
         if IS_IN_USE.swap(true, Ordering::AcqRel) {
             let (code, name) =
                 (i64::from(sys::EVRInitError_VRInitError_Init_AlreadyRunning), "AlreadyRunning".to_owned());
             return Err(OpenVrError::Refused { code, name, text: "only one session per process".to_owned() });
         }
-        let started = Self::connect(place, role);
+        let started = Self::connect(paths, role);
         if started.is_err() {
             IS_IN_USE.store(false, Ordering::Release);
         }
         started
     }
 
-    fn connect(place: &RuntimePaths, role: Role) -> Result<Self, OpenVrError> {
-        let core = load(place)?;
+    fn connect(paths: &RuntimePaths, role: Role) -> Result<Self, OpenVrError> {
+        let core = load(paths)?;
         let kind = match role {
             Role::Overlay => sys::EVRApplicationType_VRApplication_Overlay,
             Role::Background => sys::EVRApplicationType_VRApplication_Background,
@@ -172,18 +172,18 @@ impl Drop for CleanupGuard {
 }
 
 /// Loads the library and returns its core object.
-fn load(place: &RuntimePaths) -> Result<*mut Core, OpenVrError> {
-    let bad = |reason: String| OpenVrError::Library { path: place.library.clone(), reason };
+fn load(paths: &RuntimePaths) -> Result<*mut Core, OpenVrError> {
+    let bad = |reason: String| OpenVrError::Library { path: paths.library.clone(), reason };
     // SAFETY: loading runs the library's initialisers. It is the runtime named by the user's own
     // registry file, the same one that every SteamVR program loads.
-    let library = unsafe { libloading::Library::new(&place.library) }.map_err(|error| bad(error.to_string()))?;
+    let library = unsafe { libloading::Library::new(&paths.library) }.map_err(|error| bad(error.to_string()))?;
     // Stays loaded: see the head of this file.
     let library: &'static libloading::Library = Box::leak(Box::new(library));
     // SAFETY: the signature used by Valve's loader.
     let factory: libloading::Symbol<Factory> = unsafe { library.get(b"VRClientCoreFactory\0") }
         .map_err(|error| bad(format!("it is no VR runtime ({error})")))?;
     let mut code: c_int = 0;
-    // SAFETY: a zero-terminated text and a place for a number.
+    // SAFETY: a zero-terminated text and a variable for a number.
     let core = unsafe { factory(CORE.as_ptr(), &mut code) }.cast::<Core>();
     if core.is_null() {
         return Err(bad(format!("it has no {} (error {code})", CORE.to_string_lossy())));
@@ -203,7 +203,7 @@ fn table<T>(core: *mut Core, version: &CStr) -> Result<&'static T, OpenVrError> 
     let name = [b"FnTable:", version.to_bytes()].concat();
     let name = CString::new(name).map_err(|_| missing())?;
     let mut error = sys::EVRInitError_VRInitError_None;
-    // SAFETY: a session is active; a zero-terminated text and a place for a number.
+    // SAFETY: a session is active; a zero-terminated text and a variable for a number.
     let found = unsafe { (functions(core).get_generic_interface)(core, name.as_ptr(), &mut error) };
     if found.is_null() || error != sys::EVRInitError_VRInitError_None {
         return Err(missing());

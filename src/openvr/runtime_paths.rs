@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 
 use super::error::OpenVrError;
 
-/// Limit of the registry file, bytes. Choice.
+/// Limit of the registry file, bytes. Choice: the file has under 1 kB; a link to an endless file
+/// must not fill memory.
 const MAX_REGISTRY_BYTES: u64 = 1 << 20;
 /// Path of the library within a runtime.
 const LIBRARY: &str = if cfg!(windows) {
@@ -125,9 +126,9 @@ mod tests {
             "first",
             "\u{feff}{\"runtime\": [\"FOLDER/SteamVR\", \"/other\"], \"config\": [\"/c\"], \"version\": 1}",
         );
-        let place = RuntimePaths::find_with(variable).unwrap();
-        assert_eq!(place.runtime, folder.join("SteamVR"));
-        assert_eq!(place.config, Some(PathBuf::from("/c")));
+        let paths = RuntimePaths::find_with(variable).unwrap();
+        assert_eq!(paths.runtime, folder.join("SteamVR"));
+        assert_eq!(paths.config, Some(PathBuf::from("/c")));
         fs::remove_dir_all(folder).unwrap();
     }
 
@@ -157,14 +158,14 @@ mod tests {
 
     #[test]
     fn unusable_registry_errors_state_the_reason() {
-        for (name, list, says) in [
+        for (name, list, message) in [
             ("json", "runtime = 1", "expected value"),
             ("none", "{\"runtime\": []}", "names no runtime"),
             ("kind", "{\"runtime\": [7]}", "names no runtime"),
         ] {
             let (folder, variable) = installed(name, list);
             let error = RuntimePaths::find_with(variable).unwrap_err().to_string();
-            assert!(error.contains(says), "{error}");
+            assert!(error.contains(message), "{error}");
             fs::remove_dir_all(folder).unwrap();
         }
     }

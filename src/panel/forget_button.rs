@@ -5,12 +5,14 @@ use egui::{Align2, Id, Rect, Sense, Ui, pos2, vec2};
 
 use super::{BAD, FAINT, HOVERED, RAISED, ROUND, TEXT, font};
 
+/// Width and height, pixels. Choice: the longer of its two texts fits.
 const SIZE: [f32; 2] = [236.0, 56.0];
-/// Time for the second press, seconds. Choice.
+/// Time for the second press, seconds. Choice: time to read the question; later a stray press must
+/// not erase the map.
 const CONFIRM_WITHIN_S: f64 = 5.0;
 
 /// Position: upper right corner of the plan.
-pub(super) fn place(plan: Rect) -> Rect {
+pub(super) fn area(plan: Rect) -> Rect {
     let [width, height] = SIZE;
     Rect::from_min_size(pos2(plan.max.x - 16.0 - width, plan.min.y + 16.0), vec2(width, height))
 }

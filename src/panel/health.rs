@@ -5,11 +5,15 @@ use egui::{Align2, Color32, Painter, Rect, pos2, vec2};
 
 use super::{BAD, CARD, FAINT, FAIR, GOOD, ROUND, TEXT, font};
 
-/// A warning is shown from this share of lost sweeps on, percent. Choice.
+/// A warning is shown from this share of lost sweeps on, percent. Choice: single losses are normal;
+/// one in fifty points to a line or a computer that does not keep up.
 const HIGH_LOSS_PERCENT: f64 = 2.0;
-/// An older newest sweep means that no data arrives or none is processed, seconds. Choice.
+/// An older newest sweep means that no data arrives or none is processed, seconds. Choice: four
+/// updates of the map missed in a row.
 const STALE_AGE_S: f64 = 1.0;
-/// A time offset with this 1σ is accurate enough for everything that is drawn, seconds. Choice.
+/// A time offset with this 1σ is accurate enough for everything that is drawn, seconds. Choice: 4
+/// mm at walking speed; in simulated furnished rooms an error of 3 ms added no false objects, one
+/// of 10 ms many.
 const GOOD_OFFSET_SIGMA_S: f64 = 3e-3;
 
 /// State of the sensor.
@@ -102,7 +106,7 @@ impl Health {
     }
 
     fn sensor(&self) -> StatusCard {
-        let (state, says, more) = match &self.sensor {
+        let (state, headline, more) = match &self.sensor {
             SensorHealth::Missing => {
                 (State::Bad, "No radar sensor found".into(), "Plug it in: it is looked for every two seconds.".into())
             }
@@ -123,11 +127,11 @@ impl Health {
                 format!("{sweeps_per_s:.0} sweeps a second, {lost_percent:.1} % lost"),
             ),
         };
-        StatusCard { title: "Sensor", state, headline: says, detail: more }
+        StatusCard { title: "Sensor", state, headline, detail: more }
     }
 
     fn headset(&self) -> StatusCard {
-        let (state, says, more) = match self.is_tracked {
+        let (state, headline, more) = match self.is_tracked {
             true if self.poses_per_s < 1.0 => (State::Good, "Headset is tracked".into(), "No poses used yet.".into()),
             true => (State::Good, "Headset is tracked".into(), format!("{:.0} poses a second", self.poses_per_s)),
             false => (
@@ -136,12 +140,12 @@ impl Health {
                 "Let it see the base stations or the lit room again.".into(),
             ),
         };
-        StatusCard { title: "Headset", state, headline: says, detail: more }
+        StatusCard { title: "Headset", state, headline, detail: more }
     }
 
     fn timing(&self) -> StatusCard {
         let offset_ms = self.time_offset_s * 1e3;
-        let (state, says, more) = match self.time_offset_sigma_s {
+        let (state, headline, more) = match self.time_offset_sigma_s {
             Some(sigma_s) if sigma_s <= GOOD_OFFSET_SIGMA_S => (
                 State::Good,
                 "Radar and headset agree".into(),
@@ -156,12 +160,12 @@ impl Health {
                 (State::Fair, "Timing is not known yet".into(), "Move your head to and fro for some seconds.".into())
             }
         };
-        StatusCard { title: "Timing", state, headline: says, detail: more }
+        StatusCard { title: "Timing", state, headline, detail: more }
     }
 
     fn room(&self) -> StatusCard {
         let found = || format!("{} and {}", count_text(self.obstacles, "obstacle"), count_text(self.walls, "wall"));
-        let (state, says, more) = match self.age_s {
+        let (state, headline, more) = match self.age_s {
             _ if !self.is_running && self.age_s.is_some() => {
                 (State::Bad, "The map has stopped".into(), "Restart Radar chaperone.".into())
             }
@@ -180,12 +184,13 @@ impl Health {
             }
             Some(age_s) => (State::Good, found(), age_text(age_s)),
         };
-        StatusCard { title: "Room", state, headline: says, detail: more }
+        StatusCard { title: "Room", state, headline, detail: more }
     }
 }
 
 /// Shortens a text to the width of the header.
 fn shortened(text: &str) -> String {
+    /// Length of a shown text, characters. Choice: what fits the header's width.
     const MOST: usize = 60;
     match text.char_indices().nth(MOST) {
         Some((end, _)) => format!("{}…", text[..end].trim_end()),
@@ -206,6 +211,7 @@ fn age_text(age_s: f64) -> String {
 
 /// Draws the cards in a grid of two by two.
 pub(super) fn cards(painter: &Painter, area: Rect, status_cards: &[StatusCard; 4]) {
+    /// Gap between cards, pixels. Choice: half the panel's margin.
     const GAP: f32 = 14.0;
     let size = (area.size() - vec2(GAP, GAP)) / 2.0;
     for (n, finding) in status_cards.iter().enumerate() {
@@ -217,8 +223,8 @@ pub(super) fn cards(painter: &Painter, area: Rect, status_cards: &[StatusCard; 4
         let title = pos2(left + 34.0, card.min.y + 33.0);
         painter.text(title, Align2::LEFT_CENTER, finding.title, font(21.0), FAINT);
         let width = card.width() - 44.0;
-        let says = painter.layout(finding.headline.clone(), font(27.0), TEXT, width);
-        painter.galley(pos2(left, card.min.y + 54.0), says, TEXT);
+        let headline = painter.layout(finding.headline.clone(), font(27.0), TEXT, width);
+        painter.galley(pos2(left, card.min.y + 54.0), headline, TEXT);
         let more = painter.layout(finding.detail.clone(), font(20.0), FAINT, width);
         painter.galley(pos2(left, card.min.y + 94.0), more, FAINT);
     }
@@ -285,9 +291,9 @@ mod tests {
     fn unknown_rates_are_not_shown_as_zero() {
         let begins = Health { sensor: SensorHealth::Starting, poses_per_s: 0.0, restored: 4, ..well() };
         assert_eq!(states(&begins), [State::Good; 4]);
-        let told = begins.status_cards().map(|finding| finding.detail);
-        assert!(told.iter().all(|more| !more.contains("0 sweeps") && !more.contains("0 poses")), "{told:?}");
-        assert_eq!(told[3], "4 of them remembered, not seen again yet");
+        let details = begins.status_cards().map(|finding| finding.detail);
+        assert!(details.iter().all(|more| !more.contains("0 sweeps") && !more.contains("0 poses")), "{details:?}");
+        assert_eq!(details[3], "4 of them remembered, not seen again yet");
     }
 
     #[test]
@@ -295,8 +301,11 @@ mod tests {
         assert_eq!(well().notice(true), None);
         assert_eq!(well().notice(false), Some((State::Fair, "Warnings are switched off".into())));
         let why = "TOML parse error at line 12, column 3, with a great many words of what else there might have been";
-        let (state, says) = Health { settings_trouble: Some(why.into()), ..well() }.notice(false).unwrap();
-        assert!(state == State::Fair && says.starts_with("Settings file: TOML parse error at line 12"), "{says}");
-        assert!(says.chars().count() < 80 && says.ends_with('…'), "{says}");
+        let (state, headline) = Health { settings_trouble: Some(why.into()), ..well() }.notice(false).unwrap();
+        assert!(
+            state == State::Fair && headline.starts_with("Settings file: TOML parse error at line 12"),
+            "{headline}"
+        );
+        assert!(headline.chars().count() < 80 && headline.ends_with('…'), "{headline}");
     }
 }

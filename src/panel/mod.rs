@@ -19,7 +19,8 @@ pub use plan::{Head, Plan, PlanMovingTarget, PlanObstacle, hull};
 
 use egui::{Align2, Color32, CornerRadius, FontId, Pos2, Rect, Ui, pos2, vec2};
 
-/// Width and height, pixels. One egui point is one pixel.
+/// Width and height, pixels; one egui point is one pixel. Choice: at the tab's width letters of 30
+/// px are easy to read, and a picture of 6 MB uploads quickly.
 pub const SIZE: [u32; 2] = [1600, 1000];
 
 const BACKGROUND: Color32 = Color32::from_rgb(15, 19, 27);
@@ -34,6 +35,8 @@ const FAIR: Color32 = Color32::from_rgb(250, 190, 70);
 const BAD: Color32 = Color32::from_rgb(250, 96, 84);
 const ROUND: CornerRadius = CornerRadius::same(14);
 
+/// Layout, pixels. Choice: three columns' worth of content fill the picture, with rows a laser
+/// pointer hits easily.
 const MARGIN: f32 = 28.0;
 const HEADER: f32 = 96.0;
 const SWITCHES_WIDTH: f32 = 700.0;
@@ -80,7 +83,7 @@ pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
     plan::draw(painter, plan_area(), &view.plan);
     // An empty map cannot be erased.
     let is_known = view.health.obstacles + view.health.walls > 0;
-    let forget_room = is_known && forget_button::draw(ui, forget_button::place(plan_area()));
+    let forget_room = is_known && forget_button::draw(ui, forget_button::area(plan_area()));
     PanelActions { changes: switches::draw(ui, switches_area(), &view.settings), forget_room }
 }
 
@@ -88,9 +91,9 @@ pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
 /// switch: `warning.brightness+`, `warning.brightness-`, `headset.display=stereo`; or the button
 /// `forget`.
 pub fn target(settings: &toml::Table, name: &str) -> Option<[f32; 2]> {
-    let mut places = switches::targets(switches_area(), settings);
-    places.push(("forget".to_owned(), forget_button::place(plan_area())));
-    places.into_iter().find(|(own, _)| own == name).map(|(_, rect)| [rect.center().x, rect.center().y])
+    let mut targets = switches::targets(switches_area(), settings);
+    targets.push(("forget".to_owned(), forget_button::area(plan_area())));
+    targets.into_iter().find(|(own, _)| own == name).map(|(_, rect)| [rect.center().x, rect.center().y])
 }
 
 fn whole() -> Rect {
@@ -130,16 +133,17 @@ fn header(ui: &Ui, status_cards: &[health::StatusCard], notice: Option<&(health:
     let middle = HEADER / 2.0 + 2.0;
     icon::draw(painter, Rect::from_center_size(pos2(MARGIN + 30.0, middle), vec2(60.0, 60.0)));
     painter.text(pos2(MARGIN + 78.0, middle), Align2::LEFT_CENTER, "Radar chaperone", font(42.0), TEXT);
-    let said = status_cards.iter().map(|finding| (finding.state, finding.headline.as_str()));
+    let headlines = status_cards.iter().map(|finding| (finding.state, finding.headline.as_str()));
     // At equal severity the notice wins: the others have their cards.
-    let worst = said.chain(notice.map(|(state, says)| (*state, says.as_str()))).max_by_key(|(state, _)| *state);
+    let worst =
+        headlines.chain(notice.map(|(state, headline)| (*state, headline.as_str()))).max_by_key(|(state, _)| *state);
     let (text, color) = match worst {
-        Some((state, says)) if state > health::State::Good => (says, state.color()),
+        Some((state, headline)) if state > health::State::Good => (headline, state.color()),
         _ => ("Everything works", GOOD),
     };
     let right = SIZE[0] as f32 - MARGIN;
-    let said = painter.text(pos2(right, middle), Align2::RIGHT_CENTER, text, font(30.0), color);
-    painter.circle_filled(pos2(said.min.x - 24.0, middle), 11.0, color);
+    let drawn = painter.text(pos2(right, middle), Align2::RIGHT_CENTER, text, font(30.0), color);
+    painter.circle_filled(pos2(drawn.min.x - 24.0, middle), 11.0, color);
 }
 
 fn font(size: f32) -> FontId {
@@ -219,12 +223,12 @@ mod tests {
 
     #[test]
     fn targets_are_large_disjoint_and_inside_the_panel() {
-        let places = switches::targets(switches_area(), &settings());
-        assert!(places.len() > 22);
-        for (n, (name, rect)) in places.iter().enumerate() {
+        let targets = switches::targets(switches_area(), &settings());
+        assert!(targets.len() > 22);
+        for (n, (name, rect)) in targets.iter().enumerate() {
             assert!(switches_area().contains_rect(*rect), "{name}");
             assert!(rect.width() >= 48.0 && rect.height() >= 48.0, "{name}: {rect}");
-            assert!(places[..n].iter().all(|(_, other)| !other.intersects(*rect)), "{name}");
+            assert!(targets[..n].iter().all(|(_, other)| !other.intersects(*rect)), "{name}");
         }
     }
 }

@@ -6,10 +6,10 @@ use egui::{CornerRadius, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 use super::health::State;
 use super::{BACKGROUND, FAINT, TEXT, font, icon};
 
-/// Width and height of the notice, pixels.
+/// Width and height of the notice, pixels. Choice: its two lines in large letters.
 pub const NOTICE_SIZE: [u32; 2] = [1040, 200];
 
-/// What to tell the user.
+/// What the user is notified of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Notice {
     /// No sensor was found since the start.
@@ -56,12 +56,12 @@ pub fn notice(ui: &Ui, notice: Notice) {
     let color = notice.state().color();
     painter.rect(card, round, BACKGROUND, Stroke::new(4.0, color), StrokeKind::Inside);
     icon::draw(painter, Rect::from_center_size(pos2(100.0, height / 2.0), vec2(124.0, 124.0)));
-    let [says, more] = notice.texts();
+    let [headline, more] = notice.texts();
     let text = |text: &str, size, color| painter.layout_no_wrap(text.to_owned(), font(size), color);
-    let (says, more) = (text(says, 48.0, TEXT), text(more, 34.0, FAINT));
-    let top = (height - says.size().y - 10.0 - more.size().y) / 2.0;
-    let below = top + says.size().y + 10.0;
-    painter.galley(pos2(190.0, top), says, TEXT);
+    let (headline, more) = (text(headline, 48.0, TEXT), text(more, 34.0, FAINT));
+    let top = (height - headline.size().y - 10.0 - more.size().y) / 2.0;
+    let below = top + headline.size().y + 10.0;
+    painter.galley(pos2(190.0, top), headline, TEXT);
     painter.galley(pos2(190.0, below), more, FAINT);
 }
 

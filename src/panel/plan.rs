@@ -6,18 +6,20 @@ use super::{ACCENT, CARD, FAINT, FAIR, ROUND, TEXT, font};
 
 /// Colour of moving targets. Choice: unlike the colours of furniture.
 const MOVING_COLOR: Color32 = Color32::from_rgb(255, 92, 168);
-/// Colour of obstacles, and the share of it for those from the saved map that were not detected
-/// again yet.
+/// Colour of obstacles. Choice: muted, because furniture is the background of what moves.
 const OBSTACLE_COLOR: Color32 = Color32::from_rgb(120, 150, 196);
+/// Share of its colour for an obstacle from the saved map that was not detected again yet. Choice:
+/// clearly fainter, still visible.
 const RESTORED_ALPHA: f32 = 0.45;
-/// Smallest and largest extent of the plan, metres. Choice.
+/// Smallest and largest extent of the plan, metres. Choice: a small room fills the plan; beyond 10
+/// m a chair would be a dot.
 const MIN_SPAN_M: f64 = 3.5;
 const MAX_SPAN_M: f64 = 10.0;
-/// Smallest radius of a drawn obstacle, pixels.
+/// Smallest radius of a drawn obstacle, pixels. Choice: still easy to see in a headset.
 const MIN_RADIUS_PX: f32 = 11.0;
-/// Height of the legend below the plan, pixels.
+/// Height of the legend below the plan, pixels. Choice: one line of text.
 const LEGEND_PX: f32 = 52.0;
-/// Margin around the content, metres.
+/// Margin around the content, metres. Choice: marks at the edge are drawn completely.
 const MARGIN_M: f64 = 0.4;
 
 /// Position and view direction of the head.
@@ -73,23 +75,23 @@ pub struct Plan {
 }
 
 /// Convex hull: the corners in order around it.
-pub fn hull(places: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let mut sorted: Vec<[f64; 2]> = places.iter().copied().filter(|p| p[0].is_finite() && p[1].is_finite()).collect();
+pub fn hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mut sorted: Vec<[f64; 2]> = points.iter().copied().filter(|p| p[0].is_finite() && p[1].is_finite()).collect();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     sorted.dedup();
     if sorted.len() < 3 {
         return sorted;
     }
     let turn = |o: [f64; 2], a: [f64; 2], b: [f64; 2]| (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
-    let half = |places: &mut dyn Iterator<Item = [f64; 2]>| {
+    let half = |points: &mut dyn Iterator<Item = [f64; 2]>| {
         let mut chain: Vec<[f64; 2]> = Vec::new();
-        for place in places {
+        for point in points {
             while let [.., before, last] = chain[..]
-                && turn(before, last, place) <= 0.0
+                && turn(before, last, point) <= 0.0
             {
                 chain.pop();
             }
-            chain.push(place);
+            chain.push(point);
         }
         chain.pop();
         chain
@@ -121,7 +123,7 @@ impl View {
             [[width / 2.0, depth / 2.0], [-width / 2.0, -depth / 2.0]].into_iter().for_each(&mut hold);
         }
         plan.walls_m.iter().flatten().copied().for_each(&mut hold);
-        plan.obstacles.iter().flat_map(|thing| &thing.outline_m).copied().for_each(&mut hold);
+        plan.obstacles.iter().flat_map(|obstacle| &obstacle.outline_m).copied().for_each(&mut hold);
         plan.head.iter().for_each(|head| hold(head.at_m));
         // Rounded to half metres, so that the scale does not change continuously.
         let [least, most] = [least.map(|v| (v * 2.0).floor() / 2.0), most.map(|v| (v * 2.0).ceil() / 2.0)];
@@ -159,7 +161,7 @@ pub(super) fn draw(painter: &Painter, area: Rect, plan: &Plan) {
     for wall in &plan.walls_m {
         clipped.line_segment(wall.map(|end| view.at(end)), Stroke::new(9.0, Color32::from_rgb(168, 178, 196)));
     }
-    plan.obstacles.iter().for_each(|thing| draw_obstacle(&clipped, &view, thing));
+    plan.obstacles.iter().for_each(|obstacle| draw_obstacle(&clipped, &view, obstacle));
     plan.moving.iter().for_each(|mover| draw_moving_target(&clipped, &view, mover));
     if let Some(head) = &plan.head {
         draw_head(&clipped, &view, head);
@@ -179,6 +181,7 @@ fn grid(painter: &Painter, view: &View) {
 }
 
 fn beam(painter: &Painter, view: &View, head: &Head) {
+    /// Corners of the beam's arc. Choice: it looks round.
     const STEPS: usize = 24;
     let ahead = head.forward[1].atan2(head.forward[0]);
     let half = head.beam_rad.clamp(0.02, 1.5);
@@ -191,14 +194,14 @@ fn beam(painter: &Painter, view: &View, head: &Head) {
     painter.add(Shape::convex_polygon(corners, ACCENT.gamma_multiply(0.13), Stroke::NONE));
 }
 
-fn draw_obstacle(painter: &Painter, view: &View, thing: &PlanObstacle) {
-    let color = if thing.is_near { FAIR } else { OBSTACLE_COLOR };
-    let color = if thing.is_restored { color.gamma_multiply(RESTORED_ALPHA) } else { color };
-    let corners: Vec<Pos2> = thing.outline_m.iter().map(|corner| view.at(*corner)).collect();
+fn draw_obstacle(painter: &Painter, view: &View, obstacle: &PlanObstacle) {
+    let color = if obstacle.is_near { FAIR } else { OBSTACLE_COLOR };
+    let color = if obstacle.is_restored { color.gamma_multiply(RESTORED_ALPHA) } else { color };
+    let corners: Vec<Pos2> = obstacle.outline_m.iter().map(|corner| view.at(*corner)).collect();
     let around = Rect::from_points(&corners);
     match corners.len() {
         // Obstacles too small to be visible get the smallest radius.
-        0..=2 => drop(painter.circle_filled(view.at(thing.at_m), MIN_RADIUS_PX, color)),
+        0..=2 => drop(painter.circle_filled(view.at(obstacle.at_m), MIN_RADIUS_PX, color)),
         _ if around.width().max(around.height()) < 2.0 * MIN_RADIUS_PX => {
             painter.circle_filled(around.center(), MIN_RADIUS_PX, color);
         }
@@ -208,9 +211,9 @@ fn draw_obstacle(painter: &Painter, view: &View, thing: &PlanObstacle) {
         }
     }
     // 2σ ellipse: the obstacle is inside with 95 % probability along each axis.
-    let axes = thing.sigma_m.map(|axis| view.along(axis.map(|v| 2.0 * v)));
+    let axes = obstacle.sigma_m.map(|axis| view.along(axis.map(|v| 2.0 * v)));
     if axes.iter().any(|axis| axis.length() > MIN_RADIUS_PX + 2.0) {
-        let middle = view.at(thing.at_m);
+        let middle = view.at(obstacle.at_m);
         let at = |n: usize| {
             let angle = n as f32 / 48.0 * std::f32::consts::TAU;
             middle + axes[0] * angle.cos() + axes[1] * angle.sin()
@@ -222,7 +225,7 @@ fn draw_obstacle(painter: &Painter, view: &View, thing: &PlanObstacle) {
 
 /// Draws the wedge in which the target was observed, and the arc it is on.
 fn draw_moving_target(painter: &Painter, view: &View, mover: &PlanMovingTarget) {
-    let arc: Vec<Pos2> = mover.arc_m.iter().map(|place| view.at(*place)).collect();
+    let arc: Vec<Pos2> = mover.arc_m.iter().map(|point| view.at(*point)).collect();
     let mut wedge = vec![view.at(mover.from_m)];
     wedge.extend(&arc);
     painter.add(Shape::convex_polygon(wedge, MOVING_COLOR.gamma_multiply(0.14), Stroke::NONE));
@@ -241,7 +244,7 @@ fn draw_head(painter: &Painter, view: &View, head: &Head) {
 fn legend(painter: &Painter, area: Rect, plan: &Plan) {
     let y = area.max.y - LEGEND_PX / 2.0;
     let mut x = area.min.x + 24.0;
-    let is_any_remembered = plan.obstacles.iter().any(|thing| thing.is_restored);
+    let is_any_remembered = plan.obstacles.iter().any(|obstacle| obstacle.is_restored);
     let entries = [
         (Some(TEXT), "you"),
         (Some(OBSTACLE_COLOR), "obstacle"),
@@ -274,8 +277,8 @@ mod tests {
 
     #[test]
     fn hull_contains_only_corners() {
-        let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5], [0.5, 0.0], [f64::NAN, 0.0]];
-        let mut corners = hull(&places);
+        let points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5], [0.5, 0.0], [f64::NAN, 0.0]];
+        let mut corners = hull(&points);
         corners.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
         assert_eq!(corners, [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]);
         assert_eq!(hull(&[[1.0, 2.0], [1.0, 2.0]]), [[1.0, 2.0]]);
@@ -288,8 +291,8 @@ mod tests {
         let plan =
             Plan { play_area_m: Some([2.0, 3.0]), walls_m: vec![[[-3.0, -2.0], [3.0, -2.0]]], ..Plan::default() };
         let view = View::of(&plan, area);
-        for place in [[-3.0, -2.0], [3.0, -2.0], [1.0, 1.5]] {
-            assert!(area.contains(view.at(place)), "{place:?} at {}", view.at(place));
+        for point in [[-3.0, -2.0], [3.0, -2.0], [1.0, 1.5]] {
+            assert!(area.contains(view.at(point)), "{point:?} at {}", view.at(point));
         }
         assert!(view.at([0.0, -1.0]).y < view.at([0.0, 1.0]).y && view.at([1.0, 0.0]).x > view.at([-1.0, 0.0]).x);
         // A distant wall does not shrink the room to nothing.

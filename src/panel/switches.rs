@@ -142,11 +142,13 @@ const SWITCHES: &[Switch] = &[
     },
 ];
 
-/// Limits of a row's height, pixels.
+/// Limits of a row's height and the gap between rows, pixels. Choice: a laser pointer hits the
+/// lowest row; the highest keeps a few rows together.
 const MAX_ROW_HEIGHT: f32 = 108.0;
 const MIN_ROW_HEIGHT: f32 = 57.0;
 const GAP: f32 = 10.0;
-/// From this row height on, both lines have their full size, pixels.
+/// From this row height on, both lines have their full size; and the width of the controls, pixels.
+/// Choice: what the texts and four choices need.
 const FULL_SIZE_ROW_HEIGHT: f32 = 78.0;
 const CONTROL_WIDTH: f32 = 366.0;
 
@@ -202,9 +204,9 @@ pub(super) fn targets(area: Rect, settings: &toml::Table) -> Vec<(String, Rect)>
 fn rows(area: Rect, settings: &toml::Table) -> Vec<(&'static Switch, &toml::Value, Rect)> {
     let there: Vec<_> = SWITCHES.iter().filter_map(|switch| Some((switch, value_of(settings, switch.name)?))).collect();
     let height = ((area.height() + GAP) / there.len().max(1) as f32 - GAP).clamp(MIN_ROW_HEIGHT, MAX_ROW_HEIGHT);
-    let place =
+    let area_of =
         |n: usize| Rect::from_min_size(area.min + vec2(0.0, n as f32 * (height + GAP)), vec2(area.width(), height));
-    there.into_iter().enumerate().map(|(n, (switch, value))| (switch, value, place(n))).collect()
+    there.into_iter().enumerate().map(|(n, (switch, value))| (switch, value, area_of(n))).collect()
 }
 
 /// The parts of a control, with their positions at the right of a row.

@@ -11,7 +11,8 @@ use glam::{DMat4, DVec2, DVec3, DVec4, Mat4};
 use super::error::RenderError;
 use radar_sar::geometry::Pose;
 
-/// Distance of the near plane, metres. Choice.
+/// Distance of the near plane, metres. Choice: nearer than an eye's distance to any panel, and than
+/// a headset's lens.
 const NEAR_M: f64 = 0.03;
 
 /// Pose and projection of one eye.
@@ -83,9 +84,9 @@ impl EyeView {
     }
 
     /// For points relative to the eye, in the axes of the tracking frame.
-    pub(super) fn clip_from_place(&self) -> Mat4 {
-        let eye_from_place = DMat4::from_quat(self.tracking_from_eye.rotation.conjugate());
-        (self.clip_from_eye() * eye_from_place).as_mat4()
+    pub(super) fn clip_from_offset(&self) -> Mat4 {
+        let eye_from_offset = DMat4::from_quat(self.tracking_from_eye.rotation.conjugate());
+        (self.clip_from_eye() * eye_from_offset).as_mat4()
     }
 }
 

@@ -13,13 +13,14 @@ use super::eye::EyeView;
 use super::gpu::{FORMAT, Gpu};
 use super::quads::Quad;
 
+/// Samples per pixel. Choice: every adapter must support four (WebGPU), and edges look smooth.
 const SAMPLES: u32 = 4;
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct EyeUniform {
-    clip_from_place: [f32; 16],
+    clip_from_offset: [f32; 16],
     right: [f32; 4],
     up: [f32; 4],
     back: [f32; 4],
@@ -32,7 +33,7 @@ struct EyeUniform {
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct QuadCorner {
-    place: [f32; 3],
+    position: [f32; 3],
     uv: [f32; 2],
     alpha: f32,
 }
@@ -182,7 +183,7 @@ impl EyeRenderer {
         let at = view.tracking_from_eye.translation;
         let [left, right, ..] = view.edges();
         let uniform = EyeUniform {
-            clip_from_place: view.clip_from_place().to_cols_array(),
+            clip_from_offset: view.clip_from_offset().to_cols_array(),
             right: axis(DVec3::X),
             up: axis(DVec3::Y),
             back: axis(DVec3::Z),
@@ -258,16 +259,16 @@ fn far_to_near<'q>(quads: &[&'q Quad], view: &EyeView) -> Vec<&'q Quad> {
 fn quad_corners(quad: &Quad, view: &EyeView) -> [QuadCorner; 4] {
     [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0], [1.0, 0.0]].map(|uv: [f64; 2]| {
         let on_quad = DVec3::new((uv[0] - 0.5) * quad.size_m.x, (0.5 - uv[1]) * quad.size_m.y, 0.0);
-        let place = quad.tracking_from_quad.transform_point(on_quad) - view.tracking_from_eye.translation;
-        QuadCorner { place: place.as_vec3().to_array(), uv: uv.map(|v| v as f32), alpha: quad.alpha }
+        let position = quad.tracking_from_quad.transform_point(on_quad) - view.tracking_from_eye.translation;
+        QuadCorner { position: position.as_vec3().to_array(), uv: uv.map(|v| v as f32), alpha: quad.alpha }
     })
 }
 
 /// Positions relative to the eye, with radii. Non-finite entries are left out.
 fn dot_instances(truth: &[(DVec3, f64)], view: &EyeView) -> Vec<[f32; 4]> {
     let eye = view.tracking_from_eye.translation;
-    let sound = truth.iter().filter(|(place, radius)| place.is_finite() && radius.is_finite() && *radius >= 0.0);
-    sound.map(|(place, radius)| (*place - eye).as_vec3().extend(*radius as f32).to_array()).collect()
+    let sound = truth.iter().filter(|(position, radius)| position.is_finite() && radius.is_finite() && *radius >= 0.0);
+    sound.map(|(position, radius)| (*position - eye).as_vec3().extend(*radius as f32).to_array()).collect()
 }
 
 fn ball_instances(balls: &[Ball], view: &EyeView) -> Vec<BallInstance> {

@@ -14,14 +14,17 @@ use crate::warning::{PanelKind, Style, WarningSettings};
 
 /// Texture resolution. Choice: a grid line is two pixels wide.
 const PIXELS_PER_M: f64 = 512.0;
-/// Longest side of a texture. Larger panels get fewer pixels per metre.
+/// Longest side of a texture. Larger panels get fewer pixels per metre. Choice: 2 m at full
+/// resolution; 4 MB a texture.
 const MAX_SIDE_PX: f64 = 1024.0;
 
 /// Height of the distance label with its margin, metres. Choice: readable at 1.5 m.
 const LABEL_HEIGHT_M: f64 = 0.13;
-/// Height of the label's centre above the silhouette, metres.
+/// Height of the label's centre above the silhouette, metres. Choice: half the label's height, so
+/// that its lower edge touches the silhouette.
 const LABEL_ABOVE_M: f64 = 0.06;
-/// Height of the label's centre above the floor if there is no silhouette, metres.
+/// Height of the label's centre above the floor if there is no silhouette, metres. Choice: chest
+/// height, in view of a wearer who looks ahead, below what the game shows.
 const LABEL_ON_WALL_M: f64 = 1.3;
 
 /// Content of a panel's texture.
@@ -79,31 +82,32 @@ impl Painter {
     }
 
     /// The texture of a panel.
-    pub fn panel(&self, gpu: &Gpu, look: &PanelContent, style: &WarningSettings) -> wgpu::Texture {
+    pub fn panel(&self, gpu: &Gpu, content: &PanelContent, style: &WarningSettings) -> wgpu::Texture {
         let mut list: Vec<[f32; 4]> =
-            look.silhouette.iter().map(|(c, r)| [c.x as f32, c.y as f32, *r as f32, 0.0]).collect();
-        let is_wall = look.kind == PanelKind::Wall;
-        let is_fog = look.kind == PanelKind::Object && list.is_empty();
+            content.silhouette.iter().map(|(c, r)| [c.x as f32, c.y as f32, *r as f32, 0.0]).collect();
+        let is_wall = content.kind == PanelKind::Wall;
+        let is_fog = content.kind == PanelKind::Object && list.is_empty();
         let disc_count = list.len() as u32;
-        let label = look.label_dm.map_or_else(Label::default, |dm| Label::new(&format!("{}.{} m", dm / 10, dm % 10)));
+        let label =
+            content.label_dm.map_or_else(Label::default, |dm| Label::new(&format!("{}.{} m", dm / 10, dm % 10)));
         let texels = label.distances.chunks(4).map(|four| std::array::from_fn(|n| four.get(n).copied().unwrap_or(0.0)));
         list.extend(texels);
         let [red, green, blue, _] = linear(style.color);
         let uniform = PanelUniform {
-            size: look.size_m.as_vec2().to_array(),
+            size: content.size_m.as_vec2().to_array(),
             spacing: spacing(style),
-            grid_from: if is_wall { -0.5 * look.size_m.x as f32 } else { 0.0 },
+            grid_from: if is_wall { -0.5 * content.size_m.x as f32 } else { 0.0 },
             color: [red, green, blue],
             disc_count,
             fog: f32::from(u8::from(is_fog)),
             border: f32::from(u8::from(!is_wall && !is_fog)),
             style: style_number(style.style),
             label_columns: label.columns,
-            label: label_rect(look, &label),
+            label: label_rect(content, &label),
             label_rows: label.rows,
             unused: [0; 3],
         };
-        self.paint(gpu, &self.panel, look.size_m, bytemuck::bytes_of(&uniform), list)
+        self.paint(gpu, &self.panel, content.size_m, bytemuck::bytes_of(&uniform), list)
     }
 
     /// The texture of a footprint. `corners_m`: corners relative to its centre, counter-clockwise
@@ -188,14 +192,14 @@ pub(super) fn style_number(style: Style) -> u32 {
 
 /// Centre and half size of the label: above the top of the silhouette, or slightly below eye height
 /// on a wall.
-fn label_rect(look: &PanelContent, label: &Label) -> [f32; 4] {
+fn label_rect(content: &PanelContent, label: &Label) -> [f32; 4] {
     let half_size = DVec2::new(label.aspect(), 1.0) * LABEL_HEIGHT_M / 2.0;
-    let highest = look.silhouette.iter().max_by(|a, b| (a.0.y + a.1).total_cmp(&(b.0.y + b.1)));
+    let highest = content.silhouette.iter().max_by(|a, b| (a.0.y + a.1).total_cmp(&(b.0.y + b.1)));
     let wanted = match highest {
         Some((middle, radius)) => DVec2::new(middle.x, middle.y + radius + LABEL_ABOVE_M),
-        None => DVec2::new(0.0, LABEL_ON_WALL_M - look.size_m.y / 2.0),
+        None => DVec2::new(0.0, LABEL_ON_WALL_M - content.size_m.y / 2.0),
     };
-    let most = (look.size_m / 2.0 - half_size).max(DVec2::ZERO);
+    let most = (content.size_m / 2.0 - half_size).max(DVec2::ZERO);
     let middle = wanted.clamp(-most, most);
     [middle.x, middle.y, half_size.x, half_size.y].map(|v| v as f32)
 }

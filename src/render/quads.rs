@@ -16,18 +16,23 @@ use super::painter::{Painter, PanelContent, style_number, transition_to_copy_sou
 use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
 use radar_sar::geometry::Pose;
 
-/// Unused textures are dropped after this many calls: ten seconds of frames. Choice.
+/// Unused textures are dropped after this many calls: ten seconds of frames. Choice: someone who
+/// walks past an obstacle again finds its texture.
 const MAX_UNUSED_CALLS: u64 = 900;
 /// Limit of the texture cache, not counting textures in flight, bytes. Choice: eight panels, and as
 /// much again of recent ones.
 const MAX_CACHE_BYTES: u64 = 48 << 20;
-/// A texture used within this many calls may still be in flight. Choice.
+/// A texture used within this many calls may still be in flight. Choice: more than the frames that
+/// a compositor works on at once.
 const IN_FLIGHT_CALLS: u64 = 4;
-/// Margin around a footprint for its glow, metres.
+/// Margin around a footprint for its glow, metres. Choice: the shader's glow has faded to nothing
+/// there.
 const GLOW_MARGIN_M: f64 = 0.08;
-/// Height of footprints above the floor, metres.
+/// Height of footprints above the floor, metres. Choice: above the depth buffer's rounding,
+/// invisible as a step.
 const HEIGHT_ABOVE_FLOOR_M: f64 = 0.003;
-/// Footprint corners are rounded to this, metres.
+/// Footprint corners are rounded to this, metres. Choice: below the position error, so that noise
+/// in the positions does not redraw the texture.
 const CORNER_STEP_M: f64 = 0.005;
 
 /// What a quad shows.
@@ -226,8 +231,8 @@ impl QuadCache {
         let kept = self.textures.entry(wanted.content.clone()).or_insert_with(|| {
             *drawn += 1;
             let (texture, is_drawn) = (Arc::new(wanted.paint(gpu, painter, style)), Arc::new(AtomicBool::new(false)));
-            let tell = Arc::clone(&is_drawn);
-            gpu.queue.on_submitted_work_done(move || tell.store(true, Ordering::Release));
+            let signal = Arc::clone(&is_drawn);
+            gpu.queue.on_submitted_work_done(move || signal.store(true, Ordering::Release));
             CachedTexture { texture, is_drawn, last_used: uses, has_mip_levels: false, is_copy_source: true }
         });
         kept.last_used = uses;
@@ -314,12 +319,12 @@ fn footprint_request<'w>(area: &Footprint, style: &WarningSettings) -> QuadReque
     let middle = (least + greatest) / 2.0;
     let size_m = ((greatest - least) / CORNER_STEP_M).ceil() * CORNER_STEP_M + 2.0 * GLOW_MARGIN_M;
     let corners: Vec<DVec2> = flat.iter().map(|c| ((c - middle) / CORNER_STEP_M).round() * CORNER_STEP_M).collect();
-    let place = DVec3::new(middle.x, HEIGHT_ABOVE_FLOOR_M, -middle.y);
+    let position = DVec3::new(middle.x, HEIGHT_ABOVE_FLOOR_M, -middle.y);
     let lengths = [size_m.x, size_m.y].into_iter().chain(corners.iter().flat_map(|c| c.to_array()));
     QuadRequest {
         kind: QuadKind::Footprint,
         id: area.id,
-        tracking_from_quad: Pose::new(place, DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2)),
+        tracking_from_quad: Pose::new(position, DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2)),
         size_m,
         alpha: area.alpha,
         content: content(2, style, lengths),

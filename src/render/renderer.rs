@@ -234,11 +234,11 @@ pub(super) mod tests {
         test(&mut shared.lock().unwrap_or_else(|poisoned| poisoned.into_inner()));
     }
 
-    fn panel(place: DVec3) -> Panel {
+    fn panel(position: DVec3) -> Panel {
         Panel {
             id: 1,
             kind: PanelKind::Object,
-            tracking_from_panel: Pose::from_translation(place),
+            tracking_from_panel: Pose::from_translation(position),
             size_m: DVec2::new(0.6, 0.8),
             silhouette: vec![(DVec2::new(0.0, -0.1), 0.1), (DVec2::new(0.0, -0.25), 0.1)],
             alpha: 1.0,
@@ -482,13 +482,13 @@ pub(super) mod tests {
     fn panels_are_depth_tested_against_truth_dots() {
         with_renderer(|renderer| {
             let [view, _] = eyes();
-            let place = DVec3::new(0.2, 1.3, -0.7);
-            let warnings = only(panel(place));
+            let position = DVec3::new(0.2, 1.3, -0.7);
+            let warnings = only(panel(position));
             let at = |picture: &RgbaImage, point| {
                 let pixel = view.project(point).unwrap();
                 picture.get_pixel(pixel.x as u32, pixel.y as u32).0
             };
-            let on_silhouette = place - DVec3::new(0.05, 0.15, 0.0);
+            let on_silhouette = position - DVec3::new(0.05, 0.15, 0.0);
             let eye = view.tracking_from_eye.translation;
             let style = WarningSettings::default();
             let mut with_dot = |share: f64| {
@@ -508,9 +508,9 @@ pub(super) mod tests {
             let [near_eye, _] = eyes();
             let mut far_eye = near_eye;
             far_eye.tracking_from_eye.translation += far;
-            let place = DVec3::new(0.3, 1.3, -0.7);
-            let a = draw(renderer, &only(panel(place)), &near_eye);
-            let b = draw(renderer, &only(panel(place + far)), &far_eye);
+            let position = DVec3::new(0.3, 1.3, -0.7);
+            let a = draw(renderer, &only(panel(position)), &near_eye);
+            let b = draw(renderer, &only(panel(position + far)), &far_eye);
             assert_eq!(changed(&a, &b), None);
         });
     }

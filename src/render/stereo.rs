@@ -25,26 +25,34 @@ use super::quads::{Quad, QuadKind};
 use crate::warning::Shape;
 use radar_sar::geometry::Pose;
 
-/// Textures per window or eye, used in turn.
+/// Textures per window or eye, used in turn. Choice: one shown, one being copied, one being drawn.
 const TEXTURES_PER_TARGET: usize = 3;
-/// Number of canvas sizes that are kept.
+/// Number of canvas sizes that are kept. Choice: the sizes of windows that are visible at once;
+/// each is held for both eyes with depth and four samples.
 const MAX_CANVASES: usize = 3;
-/// Textures of a window are dropped after this many draws of other windows: some seconds.
+/// Textures of a window are dropped after this many draws of other windows: some seconds. Choice:
+/// some seconds, so that a wearer who turns back finds it.
 const MAX_UNUSED_CALLS: u64 = 2000;
-/// An eye closer to a window's plane than this does not see through it, metres.
+/// An eye closer to a window's plane than this does not see through it, metres. Choice: nearer, the
+/// view's angles approach 90° and its projection fails.
 const MIN_EYE_DISTANCE_M: f64 = 0.05;
-/// Margin around the content of a window, metres.
+/// Margin around the content of a window, metres. Choice: outlines and glow at the content's edge
+/// are drawn completely.
 const MARGIN_M: f64 = 0.05;
-/// Window sides are multiples of this, metres, so that the texture size rarely changes.
+/// Window sides are multiples of this, metres, so that the texture size rarely changes. Choice: the
+/// texture size changes rarely, which would cost the runtime a new swapchain.
 const SIDE_STEP_M: f64 = 0.25;
-/// Largest distance of a window's edge from the centre of its panel, metres.
+/// Largest distance of a window's edge from the centre of its panel, metres. Choice: a room's
+/// height and a large panel fit; more would lower the resolution.
 const MAX_EDGE_DISTANCE_M: f64 = 2.5;
-/// Resolution of a window's texture, and its longest side.
+/// Resolution of a window's texture, and its longest side. Choice: those of a panel.
 const PIXELS_PER_M: f64 = 512.0;
 const MAX_SIDE_PX: f64 = 1024.0;
-/// Share of the background light that a ball hides at full brightness.
+/// Share of the background light that a ball hides at full brightness. Choice: the shape is plain,
+/// and the game stays visible through it.
 const BALL_ALPHA: f32 = 0.55;
-/// Balls this much farther away than the nearest one have half its brightness, metres.
+/// Balls this much farther away than the nearest one have half its brightness, metres. Choice:
+/// depth is visible within one obstacle, and a whole room is not lit up.
 const HALF_BRIGHTNESS_M: f64 = 1.0;
 
 /// Content of a stereo image.

@@ -6,6 +6,8 @@
 use super::Picture;
 use super::style::{PAPER, Rgb, font};
 
+/// Samples per pixel in each direction. Choice: smooth edges for four times the memory. `S`: the
+/// same as a number.
 const SCALE: usize = 2;
 const S: f64 = SCALE as f64;
 
@@ -122,6 +124,8 @@ impl Canvas {
 
     /// A straight line with round ends.
     pub fn line(&mut self, from: [f64; 2], to: [f64; 2], width_px: f64, color: Rgb) {
+        /// Longest piece of a slanted line, pixels. Choice: a long slanted line's bounding box
+        /// would cover the canvas.
         const PIECE: f64 = 60.0;
         let length = (to[0] - from[0]).hypot(to[1] - from[1]);
         if !length.is_finite() || length > 1e5 {
@@ -196,9 +200,17 @@ impl Canvas {
     }
 
     /// Text that is scaled down, by at most a third, if it would be wider than `most_px`.
-    pub fn text_fitted(&mut self, place: [f64; 2], align: Align, text: &str, height_px: f64, most_px: f64, color: Rgb) {
+    pub fn text_fitted(
+        &mut self,
+        origin: [f64; 2],
+        align: Align,
+        text: &str,
+        height_px: f64,
+        most_px: f64,
+        color: Rgb,
+    ) {
         let share = most_px / text_width(text, height_px).max(1.0);
-        self.text(place, align, text, height_px * share.clamp(0.67, 1.0), color);
+        self.text(origin, align, text, height_px * share.clamp(0.67, 1.0), color);
     }
 
     /// Text that reads from bottom to top. `x` is the middle of the capital letters.
@@ -285,7 +297,7 @@ impl Canvas {
         text: &str,
         height_px: f64,
         color: Rgb,
-        place: impl Fn([f64; 2], f64, f64) -> [f64; 2],
+        onto_canvas: impl Fn([f64; 2], f64, f64) -> [f64; 2],
     ) {
         let size = height_px * S;
         let start = match align {
@@ -304,7 +316,7 @@ impl Canvas {
         for (along, down, covered) in dots {
             // The light font is drawn twice, half a pixel apart, to look like a regular weight.
             for thicker in 0..2 {
-                let [x, y] = place(origin, start + (along + thicker) as f64 / S, (down as f64 + lift) / S);
+                let [x, y] = onto_canvas(origin, start + (along + thicker) as f64 / S, (down as f64 + lift) / S);
                 let (i, j) = ((x * S).round(), (y * S).round());
                 let inside =
                     i >= 0.0 && j >= 0.0 && i < (self.width * SCALE) as f64 && j < (self.height * SCALE) as f64;

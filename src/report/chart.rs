@@ -7,6 +7,7 @@ use super::marks::{Symbol, legend_entry, legend_width};
 use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{FALSE_INK, FOUND_INK, GRID, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TICK_PX, TITLE_PX, short_number};
 
+/// Width and height, pixels. Choice: one column of a report at 96 dpi.
 const SIZE: [f64; 2] = [900.0, 540.0];
 pub(super) const COLORS: [Rgb; 7] =
     [FOUND_INK, FALSE_INK, PATH_INK, [204, 121, 167], [230, 159, 0], [86, 180, 233], [70, 76, 88]];

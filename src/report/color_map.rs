@@ -2,6 +2,7 @@
 
 use super::style::Rgb;
 
+/// Colours at equal steps (source: matplotlib's colour maps inferno and viridis).
 const INFERNO: [u32; 9] = [0x000004, 0x210c4a, 0x56106e, 0x89226a, 0xbb3754, 0xe35932, 0xf98c0a, 0xf9c932, 0xfcffa4];
 const VIRIDIS: [u32; 9] = [0x440154, 0x472d7b, 0x3b528b, 0x2c728e, 0x21908c, 0x27ad81, 0x5dc863, 0xaadc32, 0xfde725];
 

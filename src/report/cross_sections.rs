@@ -13,6 +13,8 @@ use super::plot::{BOTTOM_MARGIN, Plot};
 use super::style::{GRID, INK, LABEL_PX, MUTED, TICK_PX, TITLE_PX, short_number};
 use super::views::{VIEWS, View, plots, with_path};
 
+/// Width, and height of title and colour scales, pixels. Choice: three views side by side on a wide
+/// screen.
 const WIDTH: f64 = 1320.0;
 const TOP: f64 = 108.0;
 
@@ -86,7 +88,7 @@ pub fn cross_sections(volume: &Volume, title: &str, quantity: &str, marks: &Mark
         let sums = accumulate(volume, view.along());
         let range = sums.range().unwrap_or([0.0, 0.0]);
         heat_map(&mut canvas, plot, view, volume, &sums, range);
-        canvas.clipped(plot.area, |canvas| marks.draw(canvas, |place| plot.at(view.project(place))));
+        canvas.clipped(plot.area, |canvas| marks.draw(canvas, |point| plot.at(view.project(point))));
         let [heading, x_label, y_label] = view.labels();
         plot.axes(&mut canvas, heading, x_label, y_label);
         let bar = Rect::new(plot.area.x, plot.area.bottom() + BOTTOM_MARGIN + 10.0, plot.area.width, 12.0);

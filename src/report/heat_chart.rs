@@ -8,8 +8,9 @@ use super::marks::{Symbol, cross, legend_row, ring_mark};
 use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{FOUND, INK, TITLE_PX, TRUTH};
 
+/// Width and height, pixels. Choice: one column of a report at 96 dpi.
 const SIZE: [f64; 2] = [900.0, 600.0];
-/// Height of the colour scale below the axes, pixels.
+/// Height of the colour scale below the axes, pixels. Choice: the bar with its numbers.
 const BAR_PX: f64 = 66.0;
 
 /// A heat map.

@@ -23,11 +23,11 @@ impl Marks<'_> {
     pub fn draw(&self, canvas: &mut Canvas, project: impl Fn(DVec3) -> [f64; 2]) {
         let path: Vec<[f64; 2]> = self.path_m.iter().map(|&p| project(p)).collect();
         draw_path(canvas, &path, PATH);
-        for &place in self.truth_m {
-            cross(canvas, project(place), 4.0, TRUTH);
+        for &point in self.truth_m {
+            cross(canvas, project(point), 4.0, TRUTH);
         }
-        for &place in self.found_m {
-            ring_mark(canvas, project(place), 8.0, FOUND);
+        for &point in self.found_m {
+            ring_mark(canvas, project(point), 8.0, FOUND);
         }
     }
 

@@ -13,6 +13,8 @@ use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{FALSE_INK, FOUND_INK, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TICK_PX, TITLE_PX, short_number};
 use super::views::{VIEWS, plots};
 
+/// Width, and height of title and time bar, pixels. Choice: as
+/// in `cross_sections`.
 const WIDTH: f64 = 1320.0;
 const TOP: f64 = 84.0;
 const COORDINATES: [(&str, Rgb); 3] = [("x, right", FALSE_INK), ("y, up", PATH_INK), ("z, back", FOUND_INK)];
@@ -29,7 +31,7 @@ pub fn motion_plot(path: &[(f64, DVec3)], title: &str) -> Picture {
     let times = time_range(&path);
     for (plot, view) in plots.iter().zip(VIEWS) {
         plot.grid(&mut canvas);
-        let points = plot.all_at(path.iter().map(|&(_, place)| view.project(place)));
+        let points = plot.all_at(path.iter().map(|&(_, position)| view.project(position)));
         draw_timed(&mut canvas, &path, &points, times);
         let [heading, x_label, y_label] = view.labels();
         plot.axes(&mut canvas, heading, x_label, y_label);
@@ -41,7 +43,7 @@ pub fn motion_plot(path: &[(f64, DVec3)], title: &str) -> Picture {
 
 /// A box around the path with a margin; no side is less than an eighth of the longest.
 fn region(path: &[(f64, DVec3)]) -> Aabb {
-    let Some(tight) = Aabb::around(path.iter().map(|&(_, place)| place)) else {
+    let Some(tight) = Aabb::around(path.iter().map(|&(_, position)| position)) else {
         return Aabb { min: DVec3::splat(-0.5), max: DVec3::splat(0.5) };
     };
     let longest = tight.size().max_element().max(0.02);
@@ -86,12 +88,12 @@ fn time_bar(canvas: &mut Canvas, times: [f64; 2]) {
 
 /// Each coordinate minus its mean, to show how far the sensor moves.
 fn against_time(canvas: &mut Canvas, path: &[(f64, DVec3)], times: [f64; 2], area: Rect) {
-    let mean = path.iter().map(|&(_, place)| place).sum::<DVec3>() / path.len().max(1) as f64;
-    let most = path.iter().map(|&(_, place)| (place - mean).abs().max_element()).fold(0.01, f64::max) * 1.1;
+    let mean = path.iter().map(|&(_, position)| position).sum::<DVec3>() / path.len().max(1) as f64;
+    let most = path.iter().map(|&(_, position)| (position - mean).abs().max_element()).fold(0.01, f64::max) * 1.1;
     let plot = Plot::new(area, times, [-most, most]);
     plot.grid(canvas);
     for (axis, (_, color)) in COORDINATES.into_iter().enumerate() {
-        let points = plot.all_at(path.iter().map(|&(time, place)| [time, place[axis] - mean[axis]]));
+        let points = plot.all_at(path.iter().map(|&(time, position)| [time, position[axis] - mean[axis]]));
         canvas.clipped(area, |canvas| canvas.polyline(&points, 2.0, color));
     }
     plot.axes(canvas, "Against time", "time (s)", "from its mean (m)");

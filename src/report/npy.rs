@@ -101,8 +101,8 @@ pub fn volume_of(npy: &[u8], json: &[u8], path: &Path) -> Result<(Volume, Volume
     if ![Value::Null, serde_json::json!(AXES)].contains(&take("axes")) {
         return Err(wrong("its axes are not [z][y][x]"));
     }
-    for told in ["frame", "value_unit"] {
-        take(told);
+    for key in ["frame", "value_unit"] {
+        take(key);
     }
     let info = VolumeInfo { statistic, updates, dense_updates, extra: entries };
     Ok((Volume { origin_m: origin_m.into(), voxel_m, size: [x, y, z], values }, info))
@@ -216,12 +216,15 @@ mod tests {
     fn json_describes_the_volume() {
         let info = VolumeInfo { statistic: "ls".into(), ..VolumeInfo::default() };
         let [npy, json] = volume_bytes(&volume([4, 3, 2]), &info).unwrap();
-        let told: Value = serde_json::from_slice(&json).unwrap();
+        let sidecar: Value = serde_json::from_slice(&json).unwrap();
         assert_eq!(
-            (&told["axes"], &told["shape"]),
+            (&sidecar["axes"], &sidecar["shape"]),
             (&serde_json::json!(["z", "y", "x"]), &serde_json::json!([2, 3, 4]))
         );
-        assert_eq!((&told["value_unit"], &told["voxel_m"]), (&serde_json::json!("LSB²"), &serde_json::json!(0.05)));
+        assert_eq!(
+            (&sidecar["value_unit"], &sidecar["voxel_m"]),
+            (&serde_json::json!("LSB²"), &serde_json::json!(0.05))
+        );
         // As another reader would compute it: the voxel at [k][j][i] is half a voxel above the
         // corner, and so on.
         let (read, _) = volume_of(&npy, &json, Path::new("v.npy")).unwrap();

@@ -191,6 +191,7 @@ struct EntryPerLineFormatter {
 }
 
 impl EntryPerLineFormatter {
+    /// Deepest level whose elements get lines of their own. Choice: one line an obstacle.
     const MAX_BROKEN_DEPTH: usize = 2;
 
     fn open<W: ?Sized + io::Write>(&mut self, writer: &mut W, bracket: &[u8]) -> io::Result<()> {

@@ -8,8 +8,10 @@ use super::marks::{Symbol, legend_entry, legend_width};
 use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{GRID, HEADING_PX, INK, LABEL_PX, MUTED, PAPER, Rgb, TICK_PX, TITLE_PX, short_number};
 
+/// Width and height, pixels. Choice: a chart with a key beside it.
 const SIZE: [f64; 2] = [1240.0, 720.0];
-/// Width of the key, pixels.
+/// Width of the key, pixels. Choice: the longest label of the benchmark's variants in small
+/// letters.
 const KEY_PX: f64 = 400.0;
 
 /// Symbol of a variant.
@@ -205,8 +207,8 @@ impl TradeOff {
             let [price, error] = point.at.map(short_number);
             canvas.disc([left + 11.0, y + 8.0], 11.0, color_of(series, &point.series));
             canvas.text([left + 11.0, y + 8.0], Align::Center, &text, TICK_PX, PAPER);
-            let told = format!("{price} {}, {error} {}", self.x_unit, self.y_unit);
-            canvas.text([left + 30.0, y], Align::Left, &told, LABEL_PX, INK);
+            let figures = format!("{price} {}, {error} {}", self.x_unit, self.y_unit);
+            canvas.text([left + 30.0, y], Align::Left, &figures, LABEL_PX, INK);
             canvas.text_fitted([left + 30.0, y + 18.0], Align::Left, &point.label, TICK_PX, KEY_PX - 40.0, MUTED);
             y += spacing;
         }

@@ -3,9 +3,11 @@
 use super::canvas::{Align, Canvas, Rect, text_width};
 use super::style::{GRID, HEADING_PX, INK, LABEL_PX, MUTED, TICK_PX, tick_text, ticks};
 
-/// Width of the numbers and the label left of a plot, pixels.
+/// Width of the numbers and the label left of a plot, pixels. Choice: numbers of six characters and
+/// the upright label.
 pub const LEFT_MARGIN: f64 = 68.0;
-/// Height of the numbers and the label below a plot, pixels.
+/// Height of the numbers and the label below a plot, pixels. Choice: one line of numbers and one of
+/// text.
 pub const BOTTOM_MARGIN: f64 = 50.0;
 
 /// Position and ranges of a plot.

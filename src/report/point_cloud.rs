@@ -14,6 +14,8 @@ use super::marks::{Marks, legend_row};
 use super::style::{INK, LABEL_PX, MUTED, Rgb, TICK_PX, TITLE_PX, short_number, tick_text, ticks};
 use super::views::{drawable, with_path};
 
+/// Layout and colours, pixels. Choice: one picture of a report; dark, because bright balls stand
+/// out on it.
 const WIDTH: f64 = 960.0;
 const HEIGHT: f64 = 800.0;
 const SCENE: Rect = Rect { x: 14.0, y: 78.0, width: 846.0, height: 708.0 };
@@ -21,7 +23,8 @@ const GROUND: Rgb = [22, 25, 34];
 const GROUND_GRID: Rgb = [62, 69, 84];
 const EDGE: Rgb = [112, 122, 142];
 const LETTERS: Rgb = [206, 213, 224];
-/// Beyond this number of points, the weakest are skipped: they would hide each other. Choice.
+/// Beyond this number of points, the weakest are skipped: they would hide each other. Choice: more
+/// than 13 points would share each 100 pixels.
 const MAX_POINTS: usize = 40_000;
 
 /// Centres and values of the voxels with at least `share` of the peak, in the order of the volume.
@@ -52,7 +55,7 @@ pub fn point_cloud(volume: &Volume, title: &str, quantity: &str, share: f64, mar
     canvas.clipped(SCENE, |canvas| {
         draw_box(canvas, &camera);
         draw_points(canvas, &camera, &mut points, range, volume.voxel_m);
-        marks.draw(canvas, |place| camera.at(place));
+        marks.draw(canvas, |point| camera.at(point));
     });
     draw_labels(&mut canvas, &camera);
     let kept = kept_text(share, points.len());
@@ -73,7 +76,7 @@ fn kept_text(share: f64, count: usize) -> String {
 /// bottom of the box.
 fn shown_region(volume: &Volume, points: &[(DVec3, f32)], marks: &Marks) -> Aabb {
     let whole = volume.region();
-    let marked = marks.truth_m.iter().chain(marks.found_m).copied().filter(|&place| whole.contains(place));
+    let marked = marks.truth_m.iter().chain(marks.found_m).copied().filter(|&point| whole.contains(point));
     let Some(tight) = Aabb::around(points.iter().map(|point| point.0).chain(marked)) else { return whole };
     let air = 0.2 * tight.size().max_element().max(5.0 * volume.voxel_m);
     let min = (tight.min - air).max(whole.min);
@@ -110,13 +113,13 @@ impl Camera {
         Self { region, right, up, back, px_per_m, offset_px }
     }
 
-    fn at(&self, place: DVec3) -> [f64; 2] {
-        let flat = [self.right.dot(place), -self.up.dot(place)];
+    fn at(&self, point: DVec3) -> [f64; 2] {
+        let flat = [self.right.dot(point), -self.up.dot(point)];
         [0, 1].map(|n| flat[n] * self.px_per_m + self.offset_px[n])
     }
 
     /// The point at the relative position `shares` within the box.
-    fn place(&self, shares: [f64; 3]) -> DVec3 {
+    fn corner(&self, shares: [f64; 3]) -> DVec3 {
         self.region.min + self.region.size() * DVec3::from_array(shares)
     }
 
@@ -140,8 +143,8 @@ fn corners(region: &Aabb) -> [DVec3; 8] {
 fn draw_box(canvas: &mut Canvas, camera: &Camera) {
     for axis in [0, 2] {
         for tick in camera.axis_ticks(axis).0 {
-            let mut from = camera.place([0.0, 0.0, 0.0]);
-            let mut to = camera.place([1.0, 0.0, 1.0]);
+            let mut from = camera.corner([0.0, 0.0, 0.0]);
+            let mut to = camera.corner([1.0, 0.0, 1.0]);
             from[axis] = tick;
             to[axis] = tick;
             canvas.line(camera.at(from), camera.at(to), 1.0, GROUND_GRID);
@@ -159,22 +162,22 @@ fn draw_box(canvas: &mut Canvas, camera: &Camera) {
         [[0.0, 1.0, 0.0], [0.0, 1.0, 1.0]],
     ];
     for [from, to] in EDGES {
-        canvas.line(camera.at(camera.place(from)), camera.at(camera.place(to)), 1.3, EDGE);
+        canvas.line(camera.at(camera.corner(from)), camera.at(camera.corner(to)), 1.3, EDGE);
     }
 }
 
 fn draw_points(canvas: &mut Canvas, camera: &Camera, points: &mut [(DVec3, f32)], [low, high]: [f32; 2], voxel_m: f64) {
     let full = (0.75 * voxel_m * camera.px_per_m).clamp(1.5, 14.0);
-    for &(place, _) in points.iter() {
-        let floor = DVec3::new(place.x, camera.region.min.y, place.z);
+    for &(point, _) in points.iter() {
+        let floor = DVec3::new(point.x, camera.region.min.y, point.z);
         canvas.blend_disc(camera.at(floor), 0.8 * full, [0, 0, 0], 0.16);
     }
     points.sort_by(|a, b| camera.back.dot(a.0).total_cmp(&camera.back.dot(b.0)));
-    for &(place, value) in points.iter() {
+    for &(point, value) in points.iter() {
         let share = if high > low { ((value - low) / (high - low)) as f64 } else { 1.0 };
         let radius = full * (0.6 + 0.4 * share);
         let color = point_color(share);
-        let [x, y] = camera.at(place);
+        let [x, y] = camera.at(point);
         // Weak points are transparent, so that strong points behind them are visible.
         let alpha = 0.45 + 0.5 * share;
         canvas.blend_disc([x, y], radius, mix(color, [0, 0, 0], 0.45), alpha);
@@ -198,13 +201,13 @@ fn draw_labels(canvas: &mut Canvas, camera: &Camera) {
         let (ticks, step) = camera.axis_ticks(axis);
         let align = if axis == 0 { Align::Right } else { Align::Left };
         for tick in ticks {
-            let mut place = camera.place(middle);
-            place[axis] = tick;
-            let [x, y] = camera.at(place);
+            let mut point = camera.corner(middle);
+            point[axis] = tick;
+            let [x, y] = camera.at(point);
             canvas.line([x, y], [x + 5.0 * dx, y + 5.0 * dy], 1.2, EDGE);
             canvas.text([x + 10.0 * dx, y + 14.0 * dy], align, &tick_text(tick, step), TICK_PX, LETTERS);
         }
-        let [x, y] = camera.at(camera.place(middle));
+        let [x, y] = camera.at(camera.corner(middle));
         if axis == 1 {
             canvas.text_upwards([x + 58.0, y], Align::Center, label, LABEL_PX, LETTERS);
         } else {

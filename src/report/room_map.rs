@@ -15,6 +15,7 @@ use super::score::{Limits, Verdict, verdict};
 use super::style::{FALSE_INK, FOUND_INK, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TICK_PX, TITLE_PX, short_number};
 use super::views::drawable;
 
+/// Heights and widths of title and legend, pixels. Choice: one title; the legend's longest line.
 const TOP: f64 = 58.0;
 const LEGEND_WIDTH: f64 = 290.0;
 
@@ -50,7 +51,7 @@ pub fn room_map(map: &RoomMap) -> Picture {
 }
 
 fn draw_room(canvas: &mut Canvas, plot: &Plot, map: &RoomMap) {
-    let at = |place: DVec3| plot.at([place.x, place.z]);
+    let at = |point: DVec3| plot.at([point.x, point.z]);
     draw_walls(canvas, plot, map);
     for found in &map.scene.obstacles {
         draw_uncertainty(canvas, plot, found, color_of(found, map));
@@ -61,31 +62,31 @@ fn draw_room(canvas: &mut Canvas, plot: &Plot, map: &RoomMap) {
         canvas.disc(start, 5.5, PATH_INK);
     }
     let mut labels = Labels::new(plot.area);
-    for thing in map.truth.iter().flat_map(|truth| &truth.obstacles) {
-        for &point in &thing.points_m {
+    for obstacle in map.truth.iter().flat_map(|truth| &truth.obstacles) {
+        for &point in &obstacle.points_m {
             canvas.disc(at(point), 3.6, MUTED);
             labels.keep_clear(at(point), 4.0);
         }
     }
     for found in &map.scene.obstacles {
-        let place = at(found.position_m);
+        let center = at(found.position_m);
         if is_false(found, map) {
-            false_mark(canvas, place, 8.0);
+            false_mark(canvas, center, 8.0);
         } else {
-            canvas.ring(place, 8.0, 2.4, FOUND_INK);
-            canvas.disc(place, 2.0, FOUND_INK);
+            canvas.ring(center, 8.0, 2.4, FOUND_INK);
+            canvas.disc(center, 2.0, FOUND_INK);
         }
-        labels.keep_clear(place, 10.0);
+        labels.keep_clear(center, 10.0);
     }
     for found in &map.scene.obstacles {
         let color = color_of(found, map);
         labels.write(canvas, at(found.position_m), 13.0, &short_number(found.evidence), LABEL_PX, color);
     }
-    for thing in map.truth.iter().flat_map(|truth| &truth.obstacles) {
-        if let Some(bounds) = Aabb::around(thing.points_m.iter().copied().filter(|p| p.is_finite())) {
+    for obstacle in map.truth.iter().flat_map(|truth| &truth.obstacles) {
+        if let Some(bounds) = Aabb::around(obstacle.points_m.iter().copied().filter(|p| p.is_finite())) {
             let [low, high] = [at(bounds.min), at(bounds.max)];
             let clearance = 0.5 * (high[1] - low[1]).abs() + 8.0;
-            labels.write(canvas, at(bounds.center()), clearance, &thing.name, TICK_PX, MUTED);
+            labels.write(canvas, at(bounds.center()), clearance, &obstacle.name, TICK_PX, MUTED);
         }
     }
 }
@@ -173,10 +174,10 @@ fn color_of(found: &Obstacle, map: &RoomMap) -> Rgb {
 fn region(map: &RoomMap) -> Aabb {
     let truth = map.truth.iter();
     let walls = truth.clone().flat_map(|truth| &truth.walls).flat_map(|wall| [wall.extent.min, wall.extent.max]);
-    let points = truth.flat_map(|truth| &truth.obstacles).flat_map(|thing| thing.points_m.iter().copied());
+    let points = truth.flat_map(|truth| &truth.obstacles).flat_map(|obstacle| obstacle.points_m.iter().copied());
     let found = map.scene.obstacles.iter().map(|found| found.position_m);
     let all = walls.chain(points).chain(found).chain(map.path_m.iter().copied());
-    let tight = Aabb::around(all.filter(|place| place.is_finite()));
+    let tight = Aabb::around(all.filter(|point| point.is_finite()));
     let tight = tight.unwrap_or(Aabb { min: DVec3::splat(-1.0), max: DVec3::splat(1.0) });
     let margin = 0.35;
     let half = (0.5 * tight.size() + margin).max(DVec3::splat(0.25 * tight.size().max_element()));
@@ -204,8 +205,8 @@ fn legend(canvas: &mut Canvas, map: &RoomMap, [x, mut y]: [f64; 2]) {
     let mut counts = vec![format!("{} reported", scene.obstacles.len())];
     if let Some(truth) = map.truth {
         counts.push(format!("{wrong} of nothing"));
-        let things = truth.obstacles.len();
-        counts.push(format!("{things} thing{} in the room", if things == 1 { "" } else { "s" }));
+        let count = truth.obstacles.len();
+        counts.push(format!("{count} object{} in the room", if count == 1 { "" } else { "s" }));
     }
     for line in counts {
         canvas.text([x, y + 12.0], Align::Left, &line, LABEL_PX, MUTED);

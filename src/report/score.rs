@@ -179,12 +179,12 @@ fn score_obstacle(obstacle: &TruthObstacle, reports: &[DVec3], limits: &Limits) 
 }
 
 /// Distance from a point to the obstacle's nearest scatterer; infinite without scatterers.
-fn distance(obstacle: &TruthObstacle, place: DVec3) -> f64 {
-    obstacle.points_m.iter().map(|point| point.distance(place)).fold(f64::INFINITY, f64::min)
+fn distance(obstacle: &TruthObstacle, position: DVec3) -> f64 {
+    obstacle.points_m.iter().map(|point| point.distance(position)).fold(f64::INFINITY, f64::min)
 }
 
-fn nearest_obstacle(place: DVec3, truth: &Truth) -> Option<(usize, f64)> {
-    let distances = truth.obstacles.iter().map(|obstacle| distance(obstacle, place)).enumerate();
+fn nearest_obstacle(position: DVec3, truth: &Truth) -> Option<(usize, f64)> {
+    let distances = truth.obstacles.iter().map(|obstacle| distance(obstacle, position)).enumerate();
     distances.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
@@ -265,7 +265,7 @@ mod tests {
         }
     }
 
-    fn thing(name: &str, closest_approach_m: f64, points_m: Vec<DVec3>) -> TruthObstacle {
+    fn object(name: &str, closest_approach_m: f64, points_m: Vec<DVec3>) -> TruthObstacle {
         TruthObstacle {
             name: name.into(),
             rcs_dbsm: vec![0.0; points_m.len()],
@@ -283,8 +283,8 @@ mod tests {
             plane: Plane { outward: DVec3::NEG_Z, offset_m: 3.0 },
             extent: Aabb { min: DVec3::new(-3.0, 0.0, -3.0), max: DVec3::new(3.0, 2.5, -3.0) },
         };
-        let chair = thing("chair", 0.7, vec![DVec3::ZERO, DVec3::new(0.4, 0.0, 0.0)]);
-        let lamp = thing("lamp", 1.6, vec![DVec3::new(2.0, 1.0, 0.0)]);
+        let chair = object("chair", 0.7, vec![DVec3::ZERO, DVec3::new(0.4, 0.0, 0.0)]);
+        let lamp = object("lamp", 1.6, vec![DVec3::new(2.0, 1.0, 0.0)]);
         Truth { obstacles: vec![chair, lamp], walls: vec![wall], ..Truth::default() }
     }
 
@@ -364,9 +364,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_report_has_exactly_one_verdict(places in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 0..12)) {
-            let score = scored(places.iter().map(|p| report(p[0], p[1], p[2])).collect());
-            let matched = places.iter()
+        fn every_report_has_exactly_one_verdict(positions in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 0..12)) {
+            let score = scored(positions.iter().map(|p| report(p[0], p[1], p[2])).collect());
+            let matched = positions.iter()
                 .filter(|p| verdict(&report(p[0], p[1], p[2]), &truth(), &Limits::default()) == Verdict::Match).count();
             prop_assert_eq!(score.reports, matched + score.near_reports + score.wall_reports + score.false_reports);
             prop_assert!(score.found <= matched);

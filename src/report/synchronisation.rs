@@ -7,11 +7,13 @@ use super::marks::{Symbol, legend_entry, legend_width};
 use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{FALSE_INK, FOUND_INK, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TITLE_PX};
 
+/// Layout, pixels. Choice: three panels below each other fit a screen's height.
 const WIDTH: f64 = 1200.0;
 const LEFT: f64 = 6.0 + LEFT_MARGIN;
 const HEIGHTS: [f64; 3] = [220.0, 220.0, 190.0];
 const TOP: f64 = 118.0;
-/// Gap between a panel's lower margin and the next panel's frame, pixels.
+/// Gap between a panel's lower margin and the next panel's frame, pixels. Choice: room for a
+/// panel's heading.
 const GAP: f64 = 44.0;
 const RADAR: Rgb = [86, 180, 233];
 const POSES: Rgb = [230, 159, 0];
@@ -107,6 +109,8 @@ fn ranges(canvas: &mut Canvas, shown: &SynchronisationPlot, area: Rect, time_s: 
 
 /// Lines between neighbours, but not across pauses.
 fn joined(canvas: &mut Canvas, plot: &Plot, points: &[[f64; 2]], color: Rgb) {
+    /// A longer pause between two values interrupts the line, seconds. Choice: longer than lost
+    /// frames, shorter than a stop.
     const PAUSE_S: f64 = 0.1;
     let mut rest = points;
     while !rest.is_empty() {

@@ -9,9 +9,10 @@ use radar_sar::geometry::Aabb;
 use super::canvas::Rect;
 use super::plot::{LEFT_MARGIN, Plot};
 
-/// Gap between a plot and the next one's labels, pixels.
+/// Gap between a plot and the next one's labels, pixels. Choice: numbers of neighbouring axes do
+/// not touch.
 const GAP: f64 = 16.0;
-/// Smallest width of a plot including its labels, pixels.
+/// Smallest width of a plot including its labels, pixels. Choice: a heading and three ticks fit.
 const MIN_SLOT_PX: f64 = 180.0;
 
 /// A projection direction.
@@ -29,7 +30,7 @@ pub enum View {
 pub const VIEWS: [View; 3] = [View::Side, View::Top, View::Front];
 
 impl View {
-    /// The axis that is looked along: 0, 1, 2 for x, y, z.
+    /// The axis of the view: 0, 1, 2 for x, y, z.
     pub fn along(self) -> usize {
         match self {
             Self::Side => 0,
@@ -39,11 +40,11 @@ impl View {
     }
 
     /// Coordinates of a point on the horizontal and the vertical axis, metres.
-    pub fn project(self, place: DVec3) -> [f64; 2] {
+    pub fn project(self, point: DVec3) -> [f64; 2] {
         match self {
-            Self::Side => [-place.z, place.y],
-            Self::Top => [-place.z, place.x],
-            Self::Front => [place.x, place.y],
+            Self::Side => [-point.z, point.y],
+            Self::Top => [-point.z, point.x],
+            Self::Front => [point.x, point.y],
         }
     }
 

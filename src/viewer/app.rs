@@ -20,16 +20,19 @@ use super::{panel, style, timeline};
 use crate::warning::{Panel as WarningPanel, warn};
 use radar_sar::geometry::Aabb;
 
-/// Repaint interval of the timeline while the recording is being processed.
+/// Repaint interval of the timeline while the recording is being processed. Choice: the bar grows
+/// smoothly, and the processor is left to the processing.
 const BUFFERING_REPAINT: Duration = Duration::from_millis(100);
-/// Repaint interval of live data.
+/// Repaint interval of live data. Choice: five times the rate of map updates, so that the head's
+/// path moves smoothly.
 const LIVE_REPAINT: Duration = Duration::from_millis(50);
 /// Limit of the time between two passes, seconds. After a pause, playback does not skip ahead by
-/// more than this.
+/// more than this. Choice: an update of the map.
 const MAX_PASS_S: f64 = 0.25;
-/// Share of the width that the room has if maps are beside it.
+/// Share of the width that the room has if maps are beside it. Choice: about two thirds; three maps
+/// below each other fit the rest.
 const ROOM_SHARE: f32 = 0.68;
-/// Limit of drawn points of the head's path.
+/// Limit of drawn points of the head's path. Choice: about one per pixel of the view's width.
 const PATH_POINTS: usize = 1500;
 
 /// What the central area shows.
@@ -226,8 +229,8 @@ impl App {
             self.room_request = Some(RoomRequest { eye, drawing, size: left.size() });
         }
         if share < 1.0 {
-            let place = UiBuilder::new().max_rect(right.shrink(8.0));
-            ui.scope_builder(place, |ui| self.maps.show(ui, &shown));
+            let builder = UiBuilder::new().max_rect(right.shrink(8.0));
+            ui.scope_builder(builder, |ui| self.maps.show(ui, &shown));
         }
     }
 

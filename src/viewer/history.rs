@@ -18,17 +18,19 @@ use radar_mapping::{Evidence, Scene};
 use radar_sar::TimeOffset;
 use radar_sar::geometry::{Aabb, Pose};
 
-/// Limit of scenes.
+/// Limit of scenes. Choice: 17 minutes at four updates a second; of longer recordings every second
+/// one is kept.
 const SCENES: usize = 4096;
-/// Limit of evidence images.
+/// Limit of evidence images. Choice: one every eight seconds of these 17 minutes; images are the
+/// largest entries.
 const IMAGES: usize = 128;
-/// Limit of voxels per evidence image.
+/// Limit of voxels per evidence image. Choice: 300 kB an image; more points would hide each other.
 pub const VOXELS: usize = 20_000;
-/// Limit of head poses.
+/// Limit of head poses. Choice: four poses for each scene, a smooth path.
 const HEADS: usize = 16_384;
-/// Limit of frame times.
+/// Limit of frame times. Choice: four hours of d16, 8 MB.
 const FRAMES: usize = 1 << 20;
-/// Limit of marks.
+/// Limit of marks. Choice: as many as the timeline has pixels.
 const MARKS: usize = 1024;
 
 /// MapperCounters and time offset at one time.
@@ -191,7 +193,7 @@ impl History {
     /// State at a time, with at most about `path_points` earlier positions of the head.
     pub fn moment(&self, time_s: f64, path_points: usize) -> Moment {
         let time_ns = self.nanoseconds(time_s);
-        let look = self.updates.at(time_ns).map(|look| &look.1);
+        let update = self.updates.at(time_ns).map(|update| &update.1);
         let heads = self.heads.until(time_ns);
         let step = heads.len().div_ceil(path_points.max(2)).max(1);
         // The step is a power of two, so the same positions are chosen at every time: a growing
@@ -199,11 +201,11 @@ impl History {
         let path = heads.iter().step_by(step.next_power_of_two()).chain(heads.last());
         Moment {
             time_s,
-            scene: look.map(|look| Arc::clone(&look.0)).unwrap_or_default(),
+            scene: update.map(|update| Arc::clone(&update.0)).unwrap_or_default(),
             evidence: self.evidence.at(time_ns).map(|evidence| Arc::clone(&evidence.1)).unwrap_or_default(),
             head: heads.last().map(|head| head.1),
             path: path.map(|(time_ns, head)| (self.seconds(*time_ns), head.translation)).collect(),
-            health: look.map(|look| look.1),
+            health: update.map(|update| update.1),
         }
     }
 }
@@ -290,7 +292,7 @@ mod tests {
         let history = filled(|_| {});
         let marks: Vec<_> = history.marks().collect();
         assert_eq!(marks.iter().map(|m| m.1).collect::<Vec<_>>(), [0, 1, 2, 3]);
-        assert!((marks[0].0 - 2.1).abs() < 1e-9, "the first look from tick 20 on: {marks:?}");
+        assert!((marks[0].0 - 2.1).abs() < 1e-9, "the first update from tick 20 on: {marks:?}");
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use egui::{Rect, Vec2, vec2};
 
-/// Gap between two labels, pixels.
+/// Gap between two labels, pixels. Choice: borders stay distinguishable.
 const GAP: f32 = 1.0;
-/// Limit of stacked labels.
+/// Limit of stacked labels. Choice: a higher stack would leave the mark it belongs to.
 const STEPS: usize = 8;
 
 /// Areas that are taken by labels.
@@ -13,18 +13,18 @@ pub struct Labels(Vec<Rect>);
 
 impl Labels {
     /// Takes an area regardless of overlap.
-    pub fn take(&mut self, place: Rect) -> Rect {
-        self.0.push(place);
-        place
+    pub fn take(&mut self, rect: Rect) -> Rect {
+        self.0.push(rect);
+        rect
     }
 
     /// Takes an area, or the free one above the labels that overlap it.
-    pub fn place_above(&mut self, mut place: Rect) -> Rect {
+    pub fn place_above(&mut self, mut rect: Rect) -> Rect {
         for _ in 0..STEPS {
-            let Some(under) = self.0.iter().find(|other| other.intersects(place)) else { break };
-            place = place.translate(vec2(0.0, under.top() - place.bottom() - GAP));
+            let Some(under) = self.0.iter().find(|other| other.intersects(rect)) else { break };
+            rect = rect.translate(vec2(0.0, under.top() - rect.bottom() - GAP));
         }
-        self.take(place)
+        self.take(rect)
     }
 
     /// Takes the first free area for a label at a corner of a mark, preferably one that covers no
@@ -33,11 +33,11 @@ impl Labels {
         let (right, left) = (mark.right() + GAP, mark.left() - GAP - size.x);
         let (high, low) = (mark.center().y - 0.5 * GAP - size.y, mark.center().y + 0.5 * GAP);
         let corners = [(right, high), (left, high), (right, low), (left, low)];
-        let places = corners.into_iter().map(|(x, y)| Rect::from_min_size((x, y).into(), size));
-        let is_over = |place: &Rect, others: &[Rect]| others.iter().any(|other| other.intersects(*place));
-        let free: Vec<Rect> = places.filter(|place| !is_over(place, &self.0)).collect();
-        let place = free.iter().find(|place| !is_over(place, marks)).or(free.first())?;
-        Some(self.take(*place))
+        let rects = corners.into_iter().map(|(x, y)| Rect::from_min_size((x, y).into(), size));
+        let is_over = |rect: &Rect, others: &[Rect]| others.iter().any(|other| other.intersects(*rect));
+        let free: Vec<Rect> = rects.filter(|rect| !is_over(rect, &self.0)).collect();
+        let rect = free.iter().find(|rect| !is_over(rect, marks)).or(free.first())?;
+        Some(self.take(*rect))
     }
 }
 
@@ -63,10 +63,10 @@ mod tests {
     fn labels_surround_their_mark_then_are_dropped() {
         let mut labels = Labels::default();
         let mark = Rect::from_center_size(pos2(100.0, 100.0), vec2(10.0, 10.0));
-        let places: Vec<_> = (0..8).filter_map(|_| labels.place_beside(mark, vec2(20.0, 10.0), &[])).collect();
-        assert_eq!(places.len(), 4, "{places:?}");
-        for (n, one) in places.iter().enumerate() {
-            assert!(!places[n + 1..].iter().any(|other| other.intersects(*one)), "{places:?}");
+        let rects: Vec<_> = (0..8).filter_map(|_| labels.place_beside(mark, vec2(20.0, 10.0), &[])).collect();
+        assert_eq!(rects.len(), 4, "{rects:?}");
+        for (n, one) in rects.iter().enumerate() {
+            assert!(!rects[n + 1..].iter().any(|other| other.intersects(*one)), "{rects:?}");
             assert!(one.distance_to_pos(mark.center()) < 8.0, "near its mark: {one:?}");
         }
     }

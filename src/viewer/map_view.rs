@@ -23,7 +23,8 @@ pub enum Cut {
     Selected,
 }
 
-/// Margins for labels around each plot, egui points: left, top, right, bottom.
+/// Margins for labels around each plot, egui points: left, top, right, bottom. Choice: one number
+/// and one line of text.
 const MARGINS: [f32; 4] = [44.0, 24.0, 8.0, 34.0];
 
 /// The inputs from which the current maps were made.
@@ -58,8 +59,8 @@ impl MapView {
         let (area, _) = ui.allocate_exact_size(ui.available_size(), Sense::hover());
         let painter = ui.painter_at(area);
         let sizes_m = self.maps.iter().map(|(map, _)| map.ranges_m.map(|[low, high]| (high - low) as f32));
-        let places = layout(area, &sizes_m.collect::<Vec<_>>());
-        for ((map, texture), plot) in self.maps.iter().zip(places) {
+        let areas = layout(area, &sizes_m.collect::<Vec<_>>());
+        for ((map, texture), plot) in self.maps.iter().zip(areas) {
             one(&painter, plot, map, texture, shown);
         }
     }
@@ -149,19 +150,19 @@ fn layout(area: Rect, sizes_m: &[[f32; 2]]) -> Vec<Rect> {
     };
     let best = columns.into_iter().max_by(|a, b| scale(a).total_cmp(&scale(b))).unwrap_or(columns[0]);
     let px_per_m = scale(best);
-    let mut places = vec![Rect::NOTHING; sizes_m.len()];
+    let mut areas = vec![Rect::NOTHING; sizes_m.len()];
     let mut left = area.left();
     for column in best {
         let (mut top, mut widest) = (area.top(), 0.0f32);
         for n in column.iter().filter(|n| **n < sizes_m.len()) {
             let size = vec2(sizes_m[*n][0], sizes_m[*n][1]) * px_per_m;
-            places[*n] = Rect::from_min_size(pos2(left + MARGINS[0], top + MARGINS[1]), size);
-            top = places[*n].bottom() + MARGINS[3];
+            areas[*n] = Rect::from_min_size(pos2(left + MARGINS[0], top + MARGINS[1]), size);
+            top = areas[*n].bottom() + MARGINS[3];
             widest = widest.max(size.x);
         }
         left += margins.x + widest;
     }
-    places
+    areas
 }
 
 fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, shown: &ViewContent) {
@@ -175,14 +176,14 @@ fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, 
     };
     axes(painter, plot, map, &on_plot);
     let clipped = painter.with_clip_rect(plot);
-    let at = |place: DVec3| on_plot(map.plane.project(place));
+    let at = |point: DVec3| on_plot(map.plane.project(point));
     if shown.layers.truth {
-        for place in shown.about.truth.iter().flat_map(|truth| &truth.obstacles).flat_map(|o| &o.points_m) {
-            clipped.circle_filled(at(*place), 1.5, style::TRUTH);
+        for point in shown.about.truth.iter().flat_map(|truth| &truth.obstacles).flat_map(|o| &o.points_m) {
+            clipped.circle_filled(at(*point), 1.5, style::TRUTH);
         }
     }
     if shown.layers.path {
-        let path = shown.moment.path.iter().map(|(_, place)| at(*place)).collect();
+        let path = shown.moment.path.iter().map(|(_, point)| at(*point)).collect();
         clipped.line(path, Stroke::new(1.0, style::HEAD.gamma_multiply(0.5)));
     }
     if shown.layers.obstacles {
@@ -200,6 +201,8 @@ fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, 
 /// Draws a ring with a number for each mark, the selected one first. Numbers without room are
 /// omitted.
 fn numbered(painter: &egui::Painter, marks: impl Iterator<Item = (u64, Pos2)>, selected: Option<u64>) {
+    /// Radius of an obstacle's mark, egui points. Choice: easy to click, smaller than a chair at a
+    /// room's scale.
     const RADIUS: f32 = 5.0;
     let mut marks: Vec<_> = marks.collect();
     marks.sort_by_key(|(id, _)| (selected != Some(*id), *id));
@@ -209,9 +212,9 @@ fn numbered(painter: &egui::Painter, marks: impl Iterator<Item = (u64, Pos2)>, s
         let is_selected = selected == Some(id);
         painter.circle_stroke(middle, RADIUS, Stroke::new(if is_selected { 2.5 } else { 1.5 }, style::FOUND));
         let name = painter.layout_no_wrap(format!("#{id}"), FontId::proportional(11.0), style::FOUND);
-        if let Some(place) = labels.place_beside(*ring, name.size(), &rings) {
-            painter.rect_filled(place.shrink2(vec2(0.0, 1.0)), 2.0, Color32::from_black_alpha(150));
-            painter.galley(place.min, name, style::FOUND);
+        if let Some(label) = labels.place_beside(*ring, name.size(), &rings) {
+            painter.rect_filled(label.shrink2(vec2(0.0, 1.0)), 2.0, Color32::from_black_alpha(150));
+            painter.galley(label.min, name, style::FOUND);
         }
     }
 }

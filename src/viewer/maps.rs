@@ -8,9 +8,10 @@ use radar_mapping::Evidence;
 use radar_sar::Volume;
 use radar_sar::geometry::Aabb;
 
-/// Half thickness of a slab, metres.
+/// Half thickness of a slab, metres. Choice: a chair fits the slab, and little else.
 pub const SLAB_HALF_M: f64 = 0.25;
-/// Limit of cells along an axis.
+/// Limit of cells along an axis. Choice: about as many as pixels on the screen; more cells cost
+/// time at every update.
 const CELLS: f64 = 320.0;
 
 /// A projection direction. Right and up match the views of the room.
@@ -29,11 +30,11 @@ pub const PLANES: [Plane; 3] = [Plane::Top, Plane::Front, Plane::Side];
 
 impl Plane {
     /// Coordinates of a point to the right and upwards, metres.
-    pub fn project(self, place: DVec3) -> [f64; 2] {
+    pub fn project(self, point: DVec3) -> [f64; 2] {
         match self {
-            Self::Top => [place.x, -place.z],
-            Self::Front => [place.x, place.y],
-            Self::Side => [-place.z, place.y],
+            Self::Top => [point.x, -point.z],
+            Self::Front => [point.x, point.y],
+            Self::Side => [-point.z, point.y],
         }
     }
 
@@ -46,7 +47,7 @@ impl Plane {
         }
     }
 
-    /// The axis along which it looks: 0, 1, 2 for x, y, z.
+    /// The axis of the view: 0, 1, 2 for x, y, z.
     fn along(self) -> usize {
         match self {
             Self::Top => 1,
@@ -77,10 +78,10 @@ impl Map {
         let low = (bounds.min / voxel_m).floor() * voxel_m;
         let along = plane.along();
         let mut volume = Volume::covering(&Aabb { min: low, max: bounds.max.max(low + voxel_m) }, voxel_m);
-        for &(place, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
-            let place = place.as_dvec3();
-            let is_in_slab = around.is_none_or(|middle| (place[along] - middle[along]).abs() <= SLAB_HALF_M);
-            let cell = ((place - low) / voxel_m).floor().as_ivec3();
+        for &(point, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
+            let point = point.as_dvec3();
+            let is_in_slab = around.is_none_or(|middle| (point[along] - middle[along]).abs() <= SLAB_HALF_M);
+            let cell = ((point - low) / voxel_m).floor().as_ivec3();
             let is_inside = cell.min_element() >= 0 && (0..3).all(|axis| (cell[axis] as usize) < volume.size[axis]);
             if is_in_slab && is_inside {
                 let index = volume.index(cell.to_array().map(|n| n as usize));
@@ -153,8 +154,8 @@ mod tests {
     fn map_cells_match_voxel_positions() {
         for plane in PLANES {
             let map = Map::of(&evidence(), plane, &BOUNDS, None, 2.0);
-            for (place, score) in &evidence().voxels[..2] {
-                let (found, wanted) = (place_of(&map, *score), plane.project(place.as_dvec3()));
+            for (point, score) in &evidence().voxels[..2] {
+                let (found, wanted) = (place_of(&map, *score), plane.project(point.as_dvec3()));
                 let found = found.unwrap_or_else(|| panic!("{plane:?}: no {score}"));
                 assert!(
                     (0..2).all(|axis| (found[axis] - wanted[axis]).abs() < 1e-6),

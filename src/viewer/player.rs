@@ -1,9 +1,10 @@
 //! The player: position in the recording, and playback. It has no clock: the caller passes the
 //! elapsed time.
 
-/// Slowest and fastest playback, times real time.
+/// Slowest and fastest playback, times real time. Choice: a single update lasts 2.5 s; a minute
+/// passes in 8 s.
 pub const SPEEDS: [f64; 2] = [0.1, 8.0];
-/// A press of + or − changes the speed by this factor.
+/// A press of + or − changes the speed by this factor. Choice: two presses double it.
 const SPEED_STEP: f64 = std::f64::consts::SQRT_2;
 
 /// Position in the recording. Times are seconds from its beginning.

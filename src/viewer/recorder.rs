@@ -12,10 +12,12 @@ use radar_sar::geometry::Pose;
 
 /// Search modes without map updates: the first image is made after this time, nanoseconds, and the
 /// next whenever the recording is longer by the factor. Each image is a search over all data.
-/// Choice.
+/// Choice: the searches' total time stays at most eleven times that of the last one.
 const FIRST_UPDATE_NS: i64 = 1_000_000_000;
 const UPDATE_GROWTH: f64 = 1.1;
 /// A frame whose time differs by more than this from the newest pose is ignored, nanoseconds.
+/// Choice: longer than poses run late, so only a wrong time stamp is ignored, which would stretch
+/// the timeline.
 const MAX_FRAME_POSE_GAP_NS: i64 = 1_000_000_000;
 
 /// The history, shared by both threads.

@@ -43,12 +43,12 @@ pub struct RecordingInfo {
 impl RecordingInfo {
     /// For a recording and the settings with which it is processed.
     pub fn new(header: &Header, settings: &Settings, search: MapperKind, expected_s: f64) -> Self {
-        let (beam, blocks) = (&settings.radar.beam, &settings.rooms.subapertures);
+        let (beam, subapertures) = (&settings.radar.beam, &settings.rooms.subapertures);
         let sensor_m = ranges_m(&header.config);
         let (min_cos, ranges_m) = match search {
             MapperKind::Rooms => {
-                let ranges_m = [sensor_m[0].max(blocks.min_range_m), sensor_m[1].min(blocks.max_range_m)];
-                (blocks.min_cos(beam), ranges_m)
+                let ranges_m = [sensor_m[0].max(subapertures.min_range_m), sensor_m[1].min(subapertures.max_range_m)];
+                (subapertures.min_cos(beam), ranges_m)
             }
             // The backprojection has no cut-off except the beam itself; its half-amplitude angle is
             // shown.
@@ -95,10 +95,10 @@ impl RecordingInfo {
     /// the head.
     pub fn bounds(&self, heads_m: impl IntoIterator<Item = DVec3>) -> Aabb {
         let walls = self.truth.iter().flat_map(|truth| &truth.walls).flat_map(|w| [w.extent.min, w.extent.max]);
-        let things = self.truth.iter().flat_map(|truth| &truth.obstacles).flat_map(|o| o.points_m.iter().copied());
-        let sound = |place: &DVec3| place.is_finite() && place.abs().max_element() < 1e4;
+        let points = self.truth.iter().flat_map(|truth| &truth.obstacles).flat_map(|o| o.points_m.iter().copied());
+        let sound = |point: &DVec3| point.is_finite() && point.abs().max_element() < 1e4;
         let reach = DVec3::new(self.ranges_m[1], 0.0, self.ranges_m[1]).min(DVec3::splat(3.0));
-        let known = Aabb::around(walls.chain(things).filter(sound));
+        let known = Aabb::around(walls.chain(points).filter(sound));
         let heads = Aabb::around(heads_m.into_iter().filter(sound));
         let around = heads.map(|heads| {
             // A head near height 0 is in a frame whose origin is not on the floor.

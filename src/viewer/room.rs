@@ -13,19 +13,25 @@ use radar_mapping::{Evidence, MovingTarget, Observed, Obstacle, Wall};
 use radar_sar::eigen;
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// The path is bright for this time, seconds.
+/// The path is bright for this time, seconds. Choice: the mapper's window: the path that the newest
+/// detections come from.
 const RECENT_S: f64 = 4.0;
-/// Walls extend this far beyond where they were observed, metres.
+/// Walls extend this far beyond where they were observed, metres. Choice: walls that meet in a
+/// corner do so in the picture.
 const WALL_MARGIN_M: f64 = 0.4;
-/// Upper edge of walls with unknown height, metres.
+/// Upper edge of walls with unknown height, metres. Choice: as high as the headset's warnings of
+/// walls.
 const WALL_HEIGHT_M: f64 = 2.2;
-/// Number of colour steps of the evidence.
+/// Number of colour steps of the evidence. Choice: a few colours are easier to distinguish, and as
+/// many as the colour map has visibly different ones.
 const SHADES: f64 = 12.0;
 /// Uncertainty is drawn at this many standard deviations, with limits of the radius, metres.
+/// Choice: 95 % of a normal error along an axis; the radius stays visible and inside the room.
 const SIGMAS: f64 = 2.0;
 const MAX_RADIUS_M: f64 = 0.7;
 const MIN_RADIUS_M: f64 = 0.008;
-/// Share of its colour for an object from the saved map that was not detected again yet.
+/// Share of its colour for an object from the saved map that was not detected again yet. Choice:
+/// clearly fainter, still visible.
 const RESTORED_ALPHA: f32 = 0.4;
 
 /// Draws a moment. `bounds`: the displayed box. `top_score`: the end of the evidence colour scale.
@@ -126,8 +132,8 @@ fn wall(drawing: &mut Drawing, wall: &Wall, bounds: &Aabb) {
 fn truth(drawing: &mut Drawing, about: &RecordingInfo) {
     let Some(truth) = &about.truth else { return };
     let color = rgba(style::TRUTH, 1.0);
-    for place in truth.obstacles.iter().flat_map(|obstacle| &obstacle.points_m) {
-        drawing.point(*place, 0.022, color);
+    for point in truth.obstacles.iter().flat_map(|obstacle| &obstacle.points_m) {
+        drawing.point(*point, 0.022, color);
     }
     for wall in &truth.walls {
         drawing.box_edges(&Pose::IDENTITY, &wall.extent, 1.0, rgba(style::TRUTH, 0.45));
@@ -135,11 +141,11 @@ fn truth(drawing: &mut Drawing, about: &RecordingInfo) {
 }
 
 fn evidence(drawing: &mut Drawing, evidence: &Evidence, least: f32, top: f32) {
-    for &(place, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
+    for &(point, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
         let share = f64::from(((score - least) / (top - least).max(1e-6)).clamp(0.0, 1.0));
         // A few discrete colours are easier to distinguish.
         let color = rgba(style::evidence((share * SHADES).round() / SHADES), 1.0);
-        drawing.point(place.as_dvec3(), evidence.voxel_m * (0.10 + 0.22 * share), color);
+        drawing.point(point.as_dvec3(), evidence.voxel_m * (0.10 + 0.22 * share), color);
     }
 }
 
@@ -155,6 +161,7 @@ fn obstacle(drawing: &mut Drawing, obstacle: &Obstacle, is_selected: bool) {
 /// The part of the range sphere on which the target may be, the wedge in which it was observed, and
 /// an arrow of its radial motion within one second.
 fn moving(drawing: &mut Drawing, moving: &MovingTarget) {
+    /// Corners of a quarter turn; half as many rings. Choice: it looks round.
     const PARTS: i32 = 8;
     let color = |alpha: f32| rgba(style::MOVING, alpha);
     let half_rad = moving.half_width_rad();
@@ -175,9 +182,9 @@ fn moving(drawing: &mut Drawing, moving: &MovingTarget) {
     drawing.polyline(moving.arc_m(), 3.0, color(1.0));
     let from = moving.seen_from.translation;
     [-half_rad, half_rad].into_iter().for_each(|edge| drawing.line(from, moving.place_m(edge, 0.0), 1.0, color(0.5)));
-    let (place, way) = (moving.position_m(), moving.seen_from.forward() * moving.speed_m_per_s);
-    drawing.point(place, 0.03, color(1.0));
-    drawing.line(place, place + way, 2.5, color(1.0));
+    let (position, way) = (moving.position_m(), moving.seen_from.forward() * moving.speed_m_per_s);
+    drawing.point(position, 0.03, color(1.0));
+    drawing.line(position, position + way, 2.5, color(1.0));
 }
 
 /// Half axes of the 2σ ellipsoid, as columns.
@@ -225,16 +232,16 @@ fn headset(drawing: &mut Drawing, tracking_from_head: &Pose) {
     let turn = DMat3::from_quat(tracking_from_head.rotation);
     let skull = tracking_from_head.transform_point(DVec3::new(0.0, 0.005, 0.095));
     drawing.solid_ball(skull, &(turn * DMat3::from_diagonal(DVec3::new(0.078, 0.105, 0.098))), rgba(style::TRUTH, 1.0));
-    let block = |low: [f64; 3], high: [f64; 3]| Aabb { min: low.into(), max: high.into() };
+    let aabb = |low: [f64; 3], high: [f64; 3]| Aabb { min: low.into(), max: high.into() };
     let shell = [0.86, 0.88, 0.91, 1.0];
-    drawing.solid_box(tracking_from_head, &block([-0.09, -0.05, -0.06], [0.09, 0.05, 0.03]), shell);
+    drawing.solid_box(tracking_from_head, &aabb([-0.09, -0.05, -0.06], [0.09, 0.05, 0.03]), shell);
     drawing.solid_box(
         tracking_from_head,
-        &block([-0.082, -0.042, -0.066], [0.082, 0.042, -0.06]),
+        &aabb([-0.082, -0.042, -0.066], [0.082, 0.042, -0.06]),
         [0.1, 0.12, 0.15, 1.0],
     );
-    drawing.solid_box(tracking_from_head, &block([-0.096, -0.014, 0.0], [-0.074, 0.02, 0.16]), shell);
-    drawing.solid_box(tracking_from_head, &block([0.074, -0.014, 0.0], [0.096, 0.02, 0.16]), shell);
+    drawing.solid_box(tracking_from_head, &aabb([-0.096, -0.014, 0.0], [-0.074, 0.02, 0.16]), shell);
+    drawing.solid_box(tracking_from_head, &aabb([0.074, -0.014, 0.0], [0.096, 0.02, 0.16]), shell);
     let ahead = tracking_from_head.transform_point(DVec3::NEG_Z * 0.3);
     drawing.line(tracking_from_head.transform_point(DVec3::NEG_Z * 0.07), ahead, 2.0, rgba(style::HEAD, 1.0));
 }
@@ -299,7 +306,7 @@ fn panel(drawing: &mut Drawing, panel: &Panel, color: impl Fn(f32) -> Color) {
     drawing.transparent_polygon(&corners, color(0.05 * alpha));
     if panel.kind == PanelKind::Object {
         for (middle, radius) in &panel.silhouette {
-            let disc = |place: DVec2| at(place.x, place.y);
+            let disc = |point: DVec2| at(point.x, point.y);
             let (u, v) = (
                 disc(*middle + DVec2::X * *radius) - disc(*middle),
                 disc(*middle + DVec2::Y * *radius) - disc(*middle),

@@ -14,9 +14,10 @@ use super::screen::{Screen, adapter};
 use super::space::FORMAT;
 use crate::render::RenderError;
 
-/// Size of the images, pixels.
+/// Size of the images, pixels. Choice: a laptop's screen.
 const SIZE_PX: [u32; 2] = [1600, 1000];
-/// Passes until the layout has settled.
+/// Passes until the layout has settled. Choice: egui needs two passes for sizes that depend on each
+/// other; two in reserve.
 const PASSES: u32 = 4;
 
 /// Name of an image, and the function that sets the app's state.

@@ -12,14 +12,16 @@ use super::style;
 /// Format of the target texture. sRGB colours are stored unconverted, as egui expects.
 pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+/// Samples per pixel. Choice: every adapter must support four (WebGPU), and edges look smooth.
 const SAMPLES: u32 = 4;
-/// Lines are clipped at this distance from the eye, metres.
+/// Lines are clipped at this distance from the eye, metres. Choice: just beyond the near plane,
+/// where a line's width has no meaning.
 const LINE_NEAR_M: f32 = 0.04;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct EyeUniform {
-    clip_from_place: [f32; 16],
+    clip_from_offset: [f32; 16],
     right: [f32; 4],
     up: [f32; 4],
     view: [f32; 4],
@@ -28,7 +30,7 @@ struct EyeUniform {
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct FaceCorner {
-    place: [f32; 3],
+    position: [f32; 3],
     color: [f32; 4],
 }
 
@@ -158,7 +160,7 @@ impl Space {
     fn bind(&self, device: &wgpu::Device, queue: &wgpu::Queue, eye: &Eye, size_px: [u32; 2]) -> wgpu::BindGroup {
         let rotation = eye.tracking_from_eye.rotation;
         let uniform = EyeUniform {
-            clip_from_place: eye.clip_from_place().as_mat4().to_cols_array(),
+            clip_from_offset: eye.clip_from_offset().as_mat4().to_cols_array(),
             right: (rotation * DVec3::X).as_vec3().extend(0.0).to_array(),
             up: (rotation * DVec3::Y).as_vec3().extend(0.0).to_array(),
             view: [size_px[0] as f32, size_px[1] as f32, LINE_NEAR_M, 0.0],
@@ -221,8 +223,8 @@ fn far_to_near(transparent_faces: &[Face], eye_m: DVec3) -> Vec<Face> {
 }
 
 fn corners(faces: &[Face], origin: DVec3) -> Vec<FaceCorner> {
-    let corner = |place: DVec3, color| FaceCorner { place: (place - origin).as_vec3().to_array(), color };
-    faces.iter().flat_map(|face| face.corners_m.map(|place| corner(place, face.color))).collect()
+    let corner = |position: DVec3, color| FaceCorner { position: (position - origin).as_vec3().to_array(), color };
+    faces.iter().flat_map(|face| face.corners_m.map(|position| corner(position, face.color))).collect()
 }
 
 fn balls(drawing: &Drawing, origin: DVec3) -> Vec<BallInstance> {

@@ -5,9 +5,10 @@ use egui::{Align2, FontId, Pos2, Rect, Sense, Stroke, StrokeKind, Ui, vec2};
 use super::player::{Extent, Player};
 use super::style;
 
-/// Possible intervals between two ticks, seconds.
+/// Possible intervals between two ticks, seconds. Choice: round numbers, from one update to ten
+/// minutes.
 const TICKS_S: [f64; 12] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0];
-/// Smallest distance between two ticks, egui points.
+/// Smallest distance between two ticks, egui points. Choice: the widest number with a space.
 const TICK_POINTS: f64 = 70.0;
 
 /// Actions of the buttons beside the timeline.

@@ -13,7 +13,8 @@ use super::style;
 use radar_mapping::{MovingTarget, Obstacle};
 use radar_sar::geometry::{Aabb, Plane};
 
-/// Number of obstacles that are labelled with their distance.
+/// Number of obstacles that are labelled with their distance. Choice: more labels would cover the
+/// room.
 const MAX_FULL_LABELS: usize = 6;
 
 /// Content of the view.
@@ -39,8 +40,8 @@ pub fn viewport(ui: &mut Ui, area: Rect, camera: &mut Camera, shown: &ViewConten
     let eye = camera.eye(shown.moment.head.as_ref(), f64::from(area.width() / area.height().max(1.0)));
     let painter = ui.painter_at(area);
     painter.image(shown.texture, area, Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0)), Color32::WHITE);
-    let on_screen = |place: DVec3| {
-        eye.project(place).map(|at| area.min + vec2(at.x as f32 * area.width(), at.y as f32 * area.height()))
+    let on_screen = |point: DVec3| {
+        eye.project(point).map(|at| area.min + vec2(at.x as f32 * area.width(), at.y as f32 * area.height()))
     };
     names(&painter, shown, &on_screen, camera.is_first_person);
     legend(&painter, area, shown);
@@ -70,13 +71,13 @@ fn steer(ui: &Ui, area: Rect, response: &egui::Response, camera: &mut Camera) ->
 
 fn names(painter: &egui::Painter, shown: &ViewContent, on_screen: &impl Fn(DVec3) -> Option<Pos2>, inside: bool) {
     let mut labels = Labels::default();
-    let mut small = |place: DVec3, text: &str, color: Color32| {
-        if let Some(at) = on_screen(place) {
+    let mut small = |point: DVec3, text: &str, color: Color32| {
+        if let Some(at) = on_screen(point) {
             let taken = painter.text(at, Align2::CENTER_CENTER, text, FontId::proportional(12.0), color);
             labels.take(taken);
         }
     };
-    axis_names(shown.bounds).into_iter().for_each(|(place, name)| small(place, name, style::MUTED));
+    axis_names(shown.bounds).into_iter().for_each(|(point, name)| small(point, name, style::MUTED));
     if !inside {
         metres(shown.bounds, &mut small);
     }
@@ -198,6 +199,7 @@ fn legend(painter: &egui::Painter, area: Rect, shown: &ViewContent) {
 
 /// A horizontal colour scale.
 pub fn color_bar(painter: &egui::Painter, bar: Rect, color: impl Fn(f64) -> Color32) {
+    /// Parts of the colour scale. Choice: steps too small to see.
     const PARTS: u16 = 64;
     for n in 0..PARTS {
         let x = |n: u16| bar.left() + bar.width() * f32::from(n) / f32::from(PARTS);

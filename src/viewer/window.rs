@@ -28,8 +28,11 @@ pub fn show(app: &mut App, title: &str) -> Result<(), ViewError> {
 /// Text of an error of the desktop, without the source location with which it begins.
 fn strip_source_location(error: &winit::error::EventLoopError) -> String {
     let text = error.to_string();
-    let said = text.rsplit_once(".rs:").and_then(|(_, said)| said.split_once(": ")).map(|(_, said)| said.to_owned());
-    said.unwrap_or(text).trim_end_matches('.').to_owned()
+    let message = text
+        .rsplit_once(".rs:")
+        .and_then(|(_, message)| message.split_once(": "))
+        .map(|(_, message)| message.to_owned());
+    message.unwrap_or(text).trim_end_matches('.').to_owned()
 }
 
 struct Desktop<'a> {

@@ -19,29 +19,40 @@ use super::wearer::{BodyPart, Wearer};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
-/// Half of the shoulder breadth (about half a metre in adults), metres.
+/// Half of the shoulder breadth, metres. Choice: that of a broad adult; a narrower body is warned a
+/// little early, not late.
 const TORSO_RADIUS_M: f64 = 0.25;
-/// Radius of the head with a headset, metres.
+/// Radius of the head with a headset, metres. Choice: half an adult head's depth, and the headset
+/// before it.
 const HEAD_RADIUS_M: f64 = 0.12;
-/// Radius of a hand with a controller, metres.
+/// Radius of a hand with a controller, metres. Choice: a fist around a controller.
 const HAND_RADIUS_M: f64 = 0.08;
-/// From the eyes down to the shoulders, metres.
+/// From the eyes down to the shoulders, metres. Choice: of a tall adult; the upper arms may start a
+/// little low.
 const NECK_M: f64 = 0.25;
-/// From the spine to a shoulder joint, metres.
+/// From the spine to a shoulder joint, metres. Choice: the shoulder's radius less the muscle beyond
+/// the joint.
 const SHOULDER_M: f64 = 0.18;
-/// Least length of the torso, metres: the floor may be lower than the tracking frame says.
+/// Least length of the torso, metres: the floor may be lower than in the tracking frame. Choice:
+/// a tall adult's shoulder height, so the legs end at the floor in any frame.
 const MIN_TORSO_M: f64 = 1.6;
-/// Largest lean of the head before the hips follow, metres.
+/// Largest lean of the head before the hips follow, metres. Choice: someone who leans farther takes
+/// a step.
 const LEAN_M: f64 = 0.15;
-/// Time constant of the torso following the head, seconds.
+/// Time constant of the torso following the head, seconds. Choice: about half a step; faster would
+/// turn each nod into motion of the hips.
 const TORSO_FOLLOW_S: f64 = 0.3;
-/// A hand farther from the head than this is not the wearer's, metres. Choice.
+/// A hand farther from the head than this is not the wearer's, metres. Choice: more than an arm's
+/// reach plus a held controller; farther away it lies on a table.
 const MAX_HAND_DISTANCE_M: f64 = 1.5;
-/// A faster head is a leap of the tracking frame, m/s. Choice.
+/// A faster head is a leap of the tracking frame, m/s. Choice: more than anyone runs in a room;
+/// recentring moves a head farther within a frame.
 const MAX_HEAD_M_PER_S: f64 = 6.0;
-/// A faster hand is a tracking error, m/s. Choice.
+/// A faster hand is a tracking error, m/s. Choice: fast throws reach this; more is a tracking
+/// error.
 const MAX_HAND_M_PER_S: f64 = 15.0;
-/// Smoothing time constants of the velocities of head and hands, seconds. Choice.
+/// Smoothing time constants of the velocities of head and hands, seconds. Choice: seven frames of a
+/// head, four of a hand, which may strike; jitter of a millimetre stays below 0.05 m/s.
 const HEAD_SMOOTHING_S: f64 = 0.08;
 const HAND_SMOOTHING_S: f64 = 0.04;
 
@@ -56,10 +67,10 @@ pub(super) struct Limb {
 
 impl Limb {
     /// Position on the axis nearest to a point, 0 to 1.
-    pub fn share_near(&self, place: DVec3) -> f64 {
+    pub fn share_near(&self, point: DVec3) -> f64 {
         let along = self.ends[1] - self.ends[0];
         let length = along.length_squared();
-        if length < 1e-9 { 0.0 } else { ((place - self.ends[0]).dot(along) / length).clamp(0.0, 1.0) }
+        if length < 1e-9 { 0.0 } else { ((point - self.ends[0]).dot(along) / length).clamp(0.0, 1.0) }
     }
 
     /// Point and velocity at a position on the axis.
@@ -143,9 +154,9 @@ impl PostureEstimator {
         let hips = self.follow(time_ns, head);
         let hips_move = self.hips.update(time_ns, hips, MAX_HEAD_M_PER_S, HEAD_SMOOTHING_S);
         let mut velocities = [head_moves, DVec3::new(hips_move.x, 0.0, hips_move.z), DVec3::ZERO, DVec3::ZERO];
-        for (hand, (place, moves)) in wearer.hands_m.iter().zip(self.hands.iter_mut().zip(&mut velocities[2..])) {
+        for (hand, (velocity, moves)) in wearer.hands_m.iter().zip(self.hands.iter_mut().zip(&mut velocities[2..])) {
             if let Some(hand) = hand.filter(|hand| is_valid_position(*hand)) {
-                *moves = place.update(time_ns, hand, MAX_HAND_M_PER_S, HAND_SMOOTHING_S);
+                *moves = velocity.update(time_ns, hand, MAX_HAND_M_PER_S, HAND_SMOOTHING_S);
             }
         }
         BodyModel::of(wearer, Some(hips), velocities)
@@ -168,8 +179,8 @@ impl PostureEstimator {
 mod tests {
     use super::*;
 
-    fn at(time_s: f64, place: DVec3) -> Wearer {
-        Wearer::head_only((time_s * 1e9) as i64, Pose::from_translation(place))
+    fn at(time_s: f64, position: DVec3) -> Wearer {
+        Wearer::head_only((time_s * 1e9) as i64, Pose::from_translation(position))
     }
 
     fn torso(body_model: &BodyModel) -> Limb {

@@ -16,22 +16,28 @@ use serde::{Deserialize, Serialize};
 use super::panel::{Panel, Warnings};
 use super::wearer::{BodyPart, Wearer};
 
-/// Share of full brightness at which cues start, and the lower one at which they stop. Choice.
+/// Share of full brightness at which cues start, and the lower one at which they stop. Choice:
+/// about half way into the fade distance, so drawing warns first; the gap keeps cues from
+/// stuttering.
 const START_LEVEL: f64 = 0.55;
 const STOP_LEVEL: f64 = 0.40;
-/// Interval between starts of pulses, seconds: at the start level, and at full brightness. Choice.
+/// Interval between starts of pulses, seconds: at the start level, and at full brightness. Choice:
+/// from single taps to nearly continuous, so the rate gives the distance.
 const PULSE_INTERVAL_S: (f64, f64) = (0.6, 0.2);
-/// Length of a pulse, nanoseconds. A pulse consists of ticks, one per frame. Choice.
+/// Length of a pulse, nanoseconds. A pulse consists of ticks, one per frame. Choice: six ticks at
+/// 90 Hz feel like one tap.
 const PULSE_NS: i64 = 70_000_000;
-/// Least interval between ticks, nanoseconds. SteamVR accepts one every 5 ms at most.
+/// Least interval between ticks, nanoseconds. Source: openvr.h, one pulse every 5 ms at most.
+/// Choice: 1 ms more.
 const MIN_TICK_INTERVAL_NS: i64 = 6_000_000;
 /// Length of a tick at the start level and at full brightness, microseconds. A controller accepts
-/// less than 4000.
+/// less than 4000. Choice: from just felt to nearly the limit.
 const TICK_US: (f64, f64) = (900.0, 3500.0);
-/// A cue thins out after this time at one level, nanoseconds. Choice.
+/// A cue thins out after this time at one level, nanoseconds. Choice: the wearer has understood by
+/// then; going on would make them switch cues off.
 const THIN_OUT_AFTER_NS: i64 = 4_000_000_000;
 /// Interval of a thinned-out cue, seconds, and the rise of the level that ends the thinning.
-/// Choice.
+/// Choice: a reminder while they stay; a level that rises by a third of the cues' span is news.
 const THINNED_INTERVAL_S: f64 = 2.0;
 const ESCALATION_LEVEL: f64 = 0.15;
 

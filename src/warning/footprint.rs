@@ -8,7 +8,8 @@ use super::object::Aspect;
 use super::obstacle_body::ObstacleBody;
 use super::panel::Footprint;
 
-/// Corners of the polygon that stands for a sphere's circle. Choice.
+/// Corners of the polygon that stands for a sphere's circle. Choice: an edge cuts a circle's radius
+/// by 3 %, less than a centimetre.
 const CORNERS: u32 = 12;
 
 /// The footprint of an obstacle.

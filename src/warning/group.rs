@@ -49,8 +49,8 @@ fn merge_newest(groups: &mut Vec<ObstacleGroup>) {
 impl ObstacleGroup {
     /// A group of one obstacle; `None` when it has no finite position.
     fn of(obstacle: &Obstacle) -> Option<Self> {
-        let places = obstacle.shape.iter().map(|s| s.0).chain([obstacle.position_m]);
-        let around = Aabb::around(places.filter(|place| place.is_finite()))?;
+        let points = obstacle.shape.iter().map(|s| s.0).chain([obstacle.position_m]);
+        let around = Aabb::around(points.filter(|point| point.is_finite()))?;
         Some(Self { merged: obstacle.clone(), around })
     }
 

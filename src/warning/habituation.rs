@@ -13,11 +13,13 @@ use super::urgency::Urgency;
 /// Decrease of distance that counts as an approach, metres. Choice: more than a standing body
 /// sways.
 const MIN_APPROACH_M: f64 = 0.08;
-/// Contact urgency from which on the wearer counts as approaching, 0 to 1. Choice.
+/// Contact urgency from which on the wearer counts as approaching, 0 to 1. Choice: above what sway
+/// and fidgeting give, so that only steps and reaches restore the brightness.
 const MIN_CONTACT_URGENCY: f64 = 0.1;
-/// Head speed from which on the wearer counts as moving, m/s. Choice.
+/// Head speed from which on the wearer counts as moving, m/s. Choice: half of walking speed;
+/// turning and leaning stay below.
 pub(super) const FAST_HEAD_M_PER_S: f64 = 0.7;
-/// Duration of the dimming, seconds. Choice.
+/// Duration of the dimming, seconds. Choice: too slow to catch the eye as a change.
 const DIM_DURATION_S: f64 = 2.0;
 
 /// How long the wearer has been calm near one hazard: since when, and the largest distance since

@@ -12,7 +12,7 @@ use super::wall::{wall_panel, wall_proximities};
 use radar_mapping::Wall;
 
 /// Hazards are tracked this far beyond the fade distance, metres, because a warning is held beyond
-/// it. Choice.
+/// it. Choice: twice the margin for which it is held.
 const REACH_MARGIN_M: f64 = 0.3;
 
 /// Key of a hazard; walls and obstacles count their ids separately.

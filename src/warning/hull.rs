@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(lattice_within(&[], 0.1).count(), 0);
         assert_eq!(lattice_within(&triangle[..1], 0.1).count(), 0);
         let street = triangle.map(|corner| corner * 1e3);
-        assert_eq!(lattice_within(&street, 0.1).count(), 0, "however wide a thing is said to be, it costs nothing");
+        assert_eq!(lattice_within(&street, 0.1).count(), 0, "however wide an object is reported, it costs nothing");
         let line = [DVec2::ZERO, DVec2::new(0.0, 0.5)];
         assert_eq!(lattice_within(&line, 0.1).count(), 6, "a pole's parts are joined by a line");
     }

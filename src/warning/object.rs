@@ -23,23 +23,31 @@ use radar_sar::math;
 
 /// Least distance from the eyes to a panel, metres. Choice: a nearer panel cannot be focused on.
 const MIN_PANEL_DISTANCE_M: f64 = 0.2;
-/// Largest shift of the near side by the position uncertainty, metres. Choice.
+/// Largest shift of the near side by the position uncertainty, metres. Choice: a panel that is much
+/// nearer than the obstacle would be taken for the obstacle.
 const MAX_RANGE_MARGIN_M: f64 = 0.1;
-/// Margin around the silhouette, metres. Choice.
+/// Margin around the silhouette, metres. Choice: the outline's glow fits, and a hand's radius.
 const MARGIN_M: f64 = 0.1;
-/// Half of the greatest width, metres. Choice.
+/// Half of the greatest width, metres. Choice: a couch fits; wider ones fill the view at a step's
+/// distance anyway.
 const MAX_HALF_WIDTH_M: f64 = 1.25;
-/// Least and greatest height of a panel, metres. Choice.
+/// Least and greatest height of a panel, metres. Choice: low obstacles must catch the eye above a
+/// downward look; rooms are this high.
 const HEIGHT_M: (f64, f64) = (0.5, 2.4);
-/// Sizes are rounded up to this step, metres. Choice.
+/// Sizes are rounded up to this step, metres. Choice: a voxel edge, so that one more voxel does not
+/// change the texture's size.
 const SIZE_STEP_M: f64 = 0.05;
-/// Number of directions for which a picture is laid out. Choice.
+/// Number of directions for which a picture is laid out. Choice: a silhouette is drawn anew only
+/// every few steps around it, and is at most 7.5° off.
 const PICTURE_DIRECTIONS: f64 = 24.0;
-/// The width of the unknown region is rounded up to this step, metres. Choice.
+/// The width of the unknown region is rounded up to this step, metres. Choice: a texture serves
+/// several updates; the spread itself is decimetres.
 const SPREAD_STEP_M: f64 = 0.1;
-/// The centre of the visible part of a very wide obstacle is rounded to this step, metres. Choice.
+/// The centre of the visible part of a very wide obstacle is rounded to this step, metres. Choice:
+/// a texture serves several steps along the obstacle; a tenth of the greatest width.
 const MIDDLE_STEP_M: f64 = 0.25;
-/// Discs are rounded to this step, metres. Choice.
+/// Discs are rounded to this step, metres. Choice: below the position error, so that noise in the
+/// positions does not redraw the texture.
 const DISC_STEP_M: f64 = 0.01;
 /// Margin from the last reflection to an obstacle's edge, metres. Choice: reflections come from
 /// inside an object, and each is placed to a centimetre or two.
@@ -101,13 +109,13 @@ pub(super) fn object_panel(body: &ObstacleBody, aspect: &Aspect, head: DVec3, ne
     let sideways = (body.anchor - head).dot(right) + (lo + hi) / 2.0;
     let level = head - aspect.facing * aspect.panel_distance_m + right * sideways;
     let size_m = DVec2::new(hi - lo, height);
-    let place = |p: DVec3| DVec2::new(across(p) - (lo + hi) / 2.0, p.y - height / 2.0);
+    let on_panel = |p: DVec3| DVec2::new(across(p) - (lo + hi) / 2.0, p.y - height / 2.0);
     Panel {
         id: body.id,
         kind: PanelKind::Object,
         tracking_from_panel: upright(DVec3::new(level.x, height / 2.0, level.z), aspect.facing),
         size_m,
-        silhouette: silhouette(body, aspect.spread_m, size_m, place),
+        silhouette: silhouette(body, aspect.spread_m, size_m, on_panel),
         alpha,
         distance_m: near.distance_m,
         time_to_contact_s: near.time_to_contact_s(),
@@ -124,11 +132,16 @@ pub(super) fn upright(middle: DVec3, facing: DVec3) -> radar_sar::geometry::Pose
 
 /// Discs at the spheres on the panel and within their outline, since nobody passes between parts of
 /// one object. The radius grows with the uncertainty across, and until the discs are few enough.
-fn silhouette(body: &ObstacleBody, spread_m: f64, size_m: DVec2, place: impl Fn(DVec3) -> DVec2) -> Vec<(DVec2, f64)> {
+fn silhouette(
+    body: &ObstacleBody,
+    spread_m: f64,
+    size_m: DVec2,
+    on_panel: impl Fn(DVec3) -> DVec2,
+) -> Vec<(DVec2, f64)> {
     if !body.has_shape {
         return Vec::new();
     }
-    let placed: Vec<DVec2> = body.points.iter().map(|p| place(*p)).collect();
+    let placed: Vec<DVec2> = body.points.iter().map(|p| on_panel(*p)).collect();
     let hull = convex_hull(&placed);
     let mut radius = round(math::hypot(body.radius_m + EDGE_MARGIN_M, spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
     loop {

@@ -15,11 +15,14 @@ use radar_sar::geometry::Aabb;
 
 /// Largest valid coordinate, metres. Choice: farther away nothing can be in a room.
 const MAX_COORDINATE_M: f64 = 1000.0;
-/// Direction uncertainty of a range-only obstacle: tangent of half the beam width (30°).
+/// Direction uncertainty of a range-only obstacle: tangent of half the beam width. Choice: 30°,
+/// which contains the lensless beam's half-power width.
 const BEAM_TANGENT: f64 = 0.577;
-/// Largest half width drawn for an unknown direction, metres. Choice.
+/// Largest half width drawn for an unknown direction, metres. Choice: a wider panel would state
+/// nothing but a distance, and hide the game.
 const MAX_SPREAD_M: f64 = 1.0;
-/// Largest extent that is used along one axis, metres. Choice.
+/// Largest extent that is used along one axis, metres. Choice: no furniture is longer, so a wrong
+/// point cannot widen a panel across the room.
 const MAX_EXTENT_M: f64 = 5.0;
 
 /// Ids of moving targets start here, so that they differ from the map's ids. Choice: no map counts
@@ -119,8 +122,8 @@ impl ObstacleBody {
     }
 
     /// Whether a position, seen from above, lies within the hull.
-    pub fn spans(&self, place: DVec3) -> bool {
-        let flat = DVec2::new(place.x, -place.z);
+    pub fn spans(&self, point: DVec3) -> bool {
+        let flat = DVec2::new(point.x, -point.z);
         let edge = |n: usize| (self.hull[n], self.hull[(n + 1) % self.hull.len()]);
         self.hull.len() >= 3 && (0..self.hull.len()).map(edge).all(|(a, b)| (b - a).perp_dot(flat - a) >= 0.0)
     }

@@ -10,9 +10,11 @@ use super::body_model::{BodyModel, Limb};
 use super::obstacle_body::ObstacleBody;
 use super::wearer::BodyPart;
 
-/// Largest shift of the near side by the position uncertainty, metres. Choice.
+/// Largest shift of the near side by the position uncertainty, metres. Choice: as much as a panel
+/// is moved; more would warn of obstacles a step away.
 const MAX_RANGE_MARGIN_M: f64 = 0.1;
-/// Least closing speed that gives a time to contact, m/s. Choice.
+/// Least closing speed that gives a time to contact, m/s. Choice: slower approaches are the sway of
+/// a standing body.
 const MIN_CLOSING_M_PER_S: f64 = 0.1;
 
 /// Distance of a hazard to one body part.
@@ -62,11 +64,11 @@ pub(super) fn proximities(body: &ObstacleBody, body_model: &BodyModel, reach_m: 
 }
 
 fn near(body: &ObstacleBody, limb: &Limb) -> Proximity {
-    let away = |place: DVec3| limb.at(limb.share_near(place)).0.distance_squared(place);
+    let away = |point: DVec3| limb.at(limb.share_near(point)).0.distance_squared(point);
     let first = (body.anchor, f64::INFINITY);
-    let (nearest_m, _) = body.points.iter().fold(first, |best, place| {
-        let squared = away(*place);
-        if squared < best.1 { (*place, squared) } else { best }
+    let (nearest_m, _) = body.points.iter().fold(first, |best, point| {
+        let squared = away(*point);
+        if squared < best.1 { (*point, squared) } else { best }
     });
     let (from, moves) = limb.at(limb.share_near(nearest_m));
     let toward = (nearest_m - from).normalize_or_zero();

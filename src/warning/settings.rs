@@ -192,10 +192,10 @@ impl WarningSettings {
     }
 
     /// Whether a wearer who stays in the play area can come near a position.
-    pub(super) fn is_in_reach(&self, place: DVec3) -> bool {
+    pub(super) fn is_in_reach(&self, point: DVec3) -> bool {
         self.play_area_m.is_none_or(|[width_m, depth_m]| {
             let margin_m = self.play_area_margin_m;
-            place.x.abs() <= width_m / 2.0 + margin_m && place.z.abs() <= depth_m / 2.0 + margin_m
+            point.x.abs() <= width_m / 2.0 + margin_m && point.z.abs() <= depth_m / 2.0 + margin_m
         })
     }
 
@@ -274,7 +274,7 @@ mod tests {
         assert_eq!(turned.check(), Err(WarningSettingsError::Distances { full_m: 2.0, fade_m: 1.5 }));
         let fine = WarningSettings { grid_spacing_m: 0.001, ..Default::default() };
         assert_eq!(fine.check(), Err(WarningSettingsError::GridSpacing(0.001)));
-        for (setting, says) in [
+        for (setting, message) in [
             ("contact_full_s = 2.0", "contact_full_s = 2 "),
             ("contact_begin_s = nan", "contact_begin_s = NaN"),
             ("hand_distance_m = 3.0", "hand_distance_m = 3 "),
@@ -284,7 +284,7 @@ mod tests {
         ] {
             let settings: WarningSettings = toml::from_str(setting).unwrap();
             let error = settings.check().expect_err(setting).to_string();
-            assert!(error.contains(says), "{setting}: {error}");
+            assert!(error.contains(message), "{setting}: {error}");
         }
         let without_contact = WarningSettings { contact_begin_s: 0.0, ..Default::default() };
         assert!(without_contact.check().is_ok() && without_contact.by_contact(0.0) == 0.0);

@@ -8,7 +8,8 @@ use glam::DVec3;
 
 use radar_sar::math;
 
-/// A longer pause restarts the filter, nanoseconds. Choice.
+/// A longer pause restarts the filter, nanoseconds. Choice: longer than a lost frame or two,
+/// shorter than a head takes to turn round.
 const MAX_PAUSE_NS: i64 = 250_000_000;
 
 /// Velocity of one point.
@@ -21,20 +22,20 @@ pub(super) struct VelocityFilter {
 
 impl VelocityFilter {
     /// Takes a position and returns the velocity, m/s.
-    pub fn update(&mut self, time_ns: i64, place_m: DVec3, fastest_m_per_s: f64, smoothing_s: f64) -> DVec3 {
+    pub fn update(&mut self, time_ns: i64, position_m: DVec3, fastest_m_per_s: f64, smoothing_s: f64) -> DVec3 {
         self.has_restarted = false;
-        let Some((then_ns, before_m)) = self.last else { return self.restart(time_ns, place_m) };
+        let Some((then_ns, before_m)) = self.last else { return self.restart(time_ns, position_m) };
         let passed_ns = time_ns.saturating_sub(then_ns);
         if passed_ns == 0 {
             return self.velocity_m_per_s;
         }
         let passed_s = passed_ns as f64 * 1e-9;
-        let fresh = (place_m - before_m) / passed_s;
+        let fresh = (position_m - before_m) / passed_s;
         if !(0..=MAX_PAUSE_NS).contains(&passed_ns) || fresh.length() > fastest_m_per_s {
-            return self.restart(time_ns, place_m);
+            return self.restart(time_ns, position_m);
         }
         self.velocity_m_per_s = fresh.lerp(self.velocity_m_per_s, math::exp(-passed_s / smoothing_s));
-        self.last = Some((time_ns, place_m));
+        self.last = Some((time_ns, position_m));
         self.velocity_m_per_s
     }
 
@@ -43,8 +44,8 @@ impl VelocityFilter {
         self.has_restarted
     }
 
-    fn restart(&mut self, time_ns: i64, place_m: DVec3) -> DVec3 {
-        *self = Self { last: Some((time_ns, place_m)), velocity_m_per_s: DVec3::ZERO, has_restarted: true };
+    fn restart(&mut self, time_ns: i64, position_m: DVec3) -> DVec3 {
+        *self = Self { last: Some((time_ns, position_m)), velocity_m_per_s: DVec3::ZERO, has_restarted: true };
         DVec3::ZERO
     }
 }
@@ -62,20 +63,20 @@ mod tests {
     #[test]
     fn steady_velocity_survives_dropped_frames() {
         let mut speed = VelocityFilter::default();
-        let mut told = Vec::new();
+        let mut speeds = Vec::new();
         for frame in (0..200).filter(|frame| frame % 7 != 3 && !(90..100).contains(frame)) {
             let time_ns = frame * FRAME_NS;
-            told.push(take(&mut speed, time_ns, 1.2e-9 * time_ns as f64));
+            speeds.push(take(&mut speed, time_ns, 1.2e-9 * time_ns as f64));
         }
-        assert!(told[60..].iter().all(|v| (v - 1.2).abs() < 0.01), "{told:?}");
+        assert!(speeds[60..].iter().all(|v| (v - 1.2).abs() < 0.01), "{speeds:?}");
     }
 
     #[test]
     fn position_jitter_gives_no_velocity() {
         let mut speed = VelocityFilter::default();
         let jitter = |frame: i64| 3e-4 * (frame as f64 * 12.9898).sin();
-        let told = (0..200).map(|frame| take(&mut speed, frame * FRAME_NS, jitter(frame)).abs());
-        assert!(told.fold(0.0, f64::max) < 0.03);
+        let speeds = (0..200).map(|frame| take(&mut speed, frame * FRAME_NS, jitter(frame)).abs());
+        assert!(speeds.fold(0.0, f64::max) < 0.03);
     }
 
     #[test]

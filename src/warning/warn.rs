@@ -81,7 +81,7 @@ mod tests {
     }
 
     /// A box of 0.3 × 0.9 × 0.3 m standing on the floor, its near side at `z`, in voxels of 5 cm.
-    fn block(id: u64, x: f64, z: f64) -> Obstacle {
+    fn chair(id: u64, x: f64, z: f64) -> Obstacle {
         let shape = (0..6 * 18 * 6)
             .map(|i| DVec3::new((i % 6).into(), (i / 6 % 18).into(), -f64::from(i / 108)))
             .map(|v| (v * 0.05 + DVec3::new(x - 0.125, 0.025, z - 0.025), 1.0))
@@ -129,7 +129,7 @@ mod tests {
     fn moving_target_panel_is_as_wide_as_direction_uncertainty() {
         let settings = WarningSettings::default();
         let of = |moving: MovingTarget, settings: &WarningSettings| {
-            let scene = Scene { obstacles: vec![block(1, 2.0, 3.0)], moving: vec![moving], ..Scene::default() };
+            let scene = Scene { obstacles: vec![chair(1, 2.0, 3.0)], moving: vec![moving], ..Scene::default() };
             warn(&scene, &head(), settings)
         };
         let [comes, stands] = [-1.0, 0.0].map(|speed| of(someone(speed), &settings));
@@ -147,12 +147,12 @@ mod tests {
 
     #[test]
     fn panel_is_between_head_and_obstacle_facing_the_head() {
-        let panel = &warnings_of(vec![block(1, 0.0, -0.8)], vec![]).panels[0];
-        let place = panel.tracking_from_panel.translation;
-        assert!(place.z < 0.0 && place.z > -0.8 && place.z < -0.7, "{place}");
-        assert!(place.x.abs() < 0.06, "{place}");
+        let panel = &warnings_of(vec![chair(1, 0.0, -0.8)], vec![]).panels[0];
+        let position = panel.tracking_from_panel.translation;
+        assert!(position.z < 0.0 && position.z > -0.8 && position.z < -0.7, "{position}");
+        assert!(position.x.abs() < 0.06, "{position}");
         assert!((panel.tracking_from_panel.rotation * DVec3::Z - DVec3::Z).length() < 0.02);
-        assert!((place.y - panel.size_m.y / 2.0).abs() < 1e-9, "it stands on the floor");
+        assert!((position.y - panel.size_m.y / 2.0).abs() < 1e-9, "it stands on the floor");
         assert!(panel.size_m.y >= 0.9 && panel.size_m.y < 1.2 && panel.size_m.x >= 0.3 && panel.size_m.x < 0.7);
         assert!(!panel.silhouette.is_empty() && panel.silhouette.len() <= 384);
     }
@@ -163,8 +163,8 @@ mod tests {
             let settings = WarningSettings { play_area_m: Some(area_m), play_area_margin_m: 0.2, ..Default::default() };
             !warn(&Scene { time_ns: 0, obstacles, walls, moving: vec![] }, &head(), &settings).panels.is_empty()
         };
-        assert!(shown([2.0, 1.4], vec![block(1, 0.0, -0.8)], vec![]), "its near side is 0.1 m outside");
-        assert!(!shown([2.0, 1.0], vec![block(1, 0.0, -0.8)], vec![]));
+        assert!(shown([2.0, 1.4], vec![chair(1, 0.0, -0.8)], vec![]), "its near side is 0.1 m outside");
+        assert!(!shown([2.0, 1.0], vec![chair(1, 0.0, -0.8)], vec![]));
         assert!(shown([2.0, 1.2], vec![], vec![wall(DVec3::NEG_Z, 0.7)]));
         assert!(!shown([2.0, 0.8], vec![], vec![wall(DVec3::NEG_Z, 0.7)]));
     }
@@ -173,7 +173,7 @@ mod tests {
     fn panels_transform_with_the_scene() {
         let scene = Scene {
             time_ns: 0,
-            obstacles: vec![block(1, 0.1, -0.8)],
+            obstacles: vec![chair(1, 0.1, -0.8)],
             walls: vec![wall(DVec3::NEG_Z, 0.9)],
             moving: vec![],
         };
@@ -192,15 +192,15 @@ mod tests {
 
     #[test]
     fn brightness_falls_with_obstacle_distance() {
-        assert_eq!(warnings_of(vec![block(1, 0.0, -0.3)], vec![]).panels[0].alpha, 1.0);
-        assert_eq!(warnings_of(vec![block(1, 0.0, -1.7)], vec![]), Warnings::default());
-        let alpha = |z| warnings_of(vec![block(1, 0.0, z)], vec![]).panels[0].alpha;
+        assert_eq!(warnings_of(vec![chair(1, 0.0, -0.3)], vec![]).panels[0].alpha, 1.0);
+        assert_eq!(warnings_of(vec![chair(1, 0.0, -1.7)], vec![]), Warnings::default());
+        let alpha = |z| warnings_of(vec![chair(1, 0.0, z)], vec![]).panels[0].alpha;
         assert!(alpha(-0.6) > alpha(-0.9) && alpha(-0.9) > alpha(-1.2));
     }
 
     #[test]
     fn low_obstacle_at_the_feet_counts_as_near() {
-        let mut stool = block(1, 0.0, -0.35);
+        let mut stool = chair(1, 0.0, -0.35);
         stool.shape.retain(|(p, _)| p.y < 0.4);
         assert_eq!(warnings_of(vec![stool], vec![]).panels[0].alpha, 1.0);
     }
@@ -208,14 +208,14 @@ mod tests {
     #[test]
     fn panel_width_follows_direction_uncertainty() {
         let width = |sigma_m: f64| {
-            let mut obstacle = block(1, 0.0, -0.8);
+            let mut obstacle = chair(1, 0.0, -0.8);
             obstacle.covariance_m2 = DMat3::from_diagonal(DVec3::new(sigma_m * sigma_m, 1e-6, 1e-6));
             warnings_of(vec![obstacle], vec![]).panels[0].size_m.x
         };
         assert!(width(0.1) >= width(0.0) + 0.35);
         assert!(width(0.3) > width(0.1));
         assert_eq!(width(1e9), 2.5, "capped");
-        let mut unknown = block(1, 0.0, -0.8);
+        let mut unknown = chair(1, 0.0, -0.8);
         unknown.observed = Observed::RangeOnly;
         let warnings = warnings_of(vec![unknown], vec![]);
         assert!(warnings.panels[0].size_m.x > 1.0 && warnings.panels[0].silhouette.is_empty());
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn missing_shape_falls_back_to_extent_box() {
-        let mut plain = block(1, 0.0, -0.8);
+        let mut plain = chair(1, 0.0, -0.8);
         plain.shape.clear();
         let panel = &warnings_of(vec![plain], vec![]).panels[0];
         assert!((panel.distance_m - 0.8).abs() < 0.1, "{}", panel.distance_m);
@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn footprint_is_counter_clockwise_from_above() {
-        let corners = &warnings_of(vec![block(1, 0.2, -0.8)], vec![]).footprints[0].corners_xz_m;
+        let corners = &warnings_of(vec![chair(1, 0.2, -0.8)], vec![]).footprints[0].corners_xz_m;
         let area: f64 = (0..corners.len())
             .map(|i| {
                 let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
@@ -270,9 +270,9 @@ mod tests {
         let many = (0..10).map(|i| {
             let (sin, cos) = (i as f64 * std::f64::consts::TAU / 10.0).sin_cos();
             let distance_m = 1.4 - 0.01 * i as f64;
-            let mut pole = block(i, distance_m * sin, 0.15 - distance_m * cos);
-            pole.shape.retain(|(place, _)| {
-                (place.x - pole.position_m.x).abs().max((place.z - pole.position_m.z).abs()) < 0.05
+            let mut pole = chair(i, distance_m * sin, 0.15 - distance_m * cos);
+            pole.shape.retain(|(point, _)| {
+                (point.x - pole.position_m.x).abs().max((point.z - pole.position_m.z).abs()) < 0.05
             });
             pole
         });
@@ -289,8 +289,8 @@ mod tests {
 
     #[test]
     fn head_sway_rarely_changes_the_texture() {
-        let scene = Scene { obstacles: vec![block(1, 0.0, -0.8)], ..Default::default() };
-        let looks: Vec<_> = (0..90)
+        let scene = Scene { obstacles: vec![chair(1, 0.0, -0.8)], ..Default::default() };
+        let pictures: Vec<_> = (0..90)
             .map(|k| {
                 let sway = glam::DVec2::from_angle(f64::from(k) / 90.0 * std::f64::consts::TAU) * 0.005;
                 let head = Pose::from_translation(DVec3::new(0.1 + sway.x, 1.6, sway.y));
@@ -298,13 +298,13 @@ mod tests {
                 (panel.size_m, panel.silhouette)
             })
             .collect();
-        let changes = looks.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        let changes = pictures.windows(2).filter(|pair| pair[0] != pair[1]).count();
         assert!(changes <= 2, "{changes} new textures in one second");
     }
 
     #[test]
     fn picture_changes_every_fifteen_degrees() {
-        let scene = Scene { obstacles: vec![block(1, 0.0, 0.15)], ..Default::default() };
+        let scene = Scene { obstacles: vec![chair(1, 0.0, 0.15)], ..Default::default() };
         let panels: Vec<_> = (0..3600)
             .map(|k| {
                 let around = glam::DVec2::from_angle(f64::from(k) / 3600.0 * std::f64::consts::TAU) * 0.9;
@@ -346,7 +346,7 @@ mod tests {
         (any_point(), covariance, any_point(), observed, shape).prop_map(
             |(position_m, c, extent_m, observed, shape)| {
                 let covariance_m2 = DMat3::from_cols_array(&c);
-                Obstacle { position_m, covariance_m2, extent_m, observed, shape, ..block(3, 0.0, 0.0) }
+                Obstacle { position_m, covariance_m2, extent_m, observed, shape, ..chair(3, 0.0, 0.0) }
             },
         )
     }
@@ -374,7 +374,7 @@ mod tests {
         fn arbitrary_input_gives_valid_panels(
             obstacles in prop::collection::vec(any_obstacle(), 0..6),
             walls in prop::collection::vec(any_wall(), 0..3),
-            place in any_point(),
+            position in any_point(),
             turn in prop::array::uniform4(any_number()),
             (full, fade, grid) in (any_number(), any_number(), any_number()),
         ) {
@@ -384,7 +384,7 @@ mod tests {
                 grid_spacing_m: grid,
                 ..Default::default()
             };
-            let head = Pose { translation: place, rotation: DQuat::from_array(turn) };
+            let head = Pose { translation: position, rotation: DQuat::from_array(turn) };
             let scene = Scene { time_ns: 0, obstacles, walls, moving: vec![] };
             let warnings = warn(&scene, &head, &settings);
             prop_assert!(warnings.panels.iter().all(is_sound), "{warnings:?}");

@@ -11,26 +11,32 @@ use super::urgency::{Urgency, urgencies};
 
 use radar_sar::math;
 
-/// Least urgency that starts or keeps a warning. Choice.
+/// Least urgency that starts or keeps a warning. Choice: fainter light cannot be seen, and the
+/// fade's long tail would keep overlays in use.
 const MIN_URGENCY: f64 = 0.02;
 /// Least brightness of a held warning. Choice: visible to someone who looks for it.
 const MIN_HELD_BRIGHTNESS: f64 = 0.04;
-/// A warning is held this far beyond the fade distance, metres. Choice.
+/// A warning is held this far beyond the fade distance, metres. Choice: more than a standing body
+/// sways, so a warning at the limit does not blink.
 const HOLD_MARGIN_M: f64 = 0.15;
 /// A warning is held this long after that, and after the hazard has left the scene, nanoseconds.
 /// Choice: two updates of the map.
 const HOLD_NS: i64 = 500_000_000;
-/// Rise of the brightness: from dark to full in 0.1 s, before a step has covered 10 cm. Choice.
+/// Rise of the brightness. Choice: from dark to full in 0.1 s, before a step has covered 10 cm.
 const RISE_PER_S: f64 = 10.0;
-/// Rise for a panel that fills the view: 0.25 s, so that it does not flash. Choice.
+/// Rise for a panel that fills the view. Choice: 0.25 s, so that it does not flash.
 const WIDE_RISE_PER_S: f64 = 4.0;
-/// Fall from full to dark: 0.5 s. Choice.
+/// Fall from full to dark. Choice: 0.5 s, slow enough not to draw the eye, fast enough not to hide
+/// the game.
 const FALL_PER_S: f64 = 2.0;
-/// Fall for a hazard that has left the scene. Choice.
+/// Fall for a hazard that has left the scene. Choice: twice as fast, because a removed obstacle
+/// should not be believed any longer.
 const MISSING_FALL_PER_S: f64 = 4.0;
-/// Least speed at which a body part counts as receding, m/s. Choice.
+/// Least speed at which a body part counts as receding, m/s. Choice: as fast as a standing body
+/// sways.
 const MIN_RECEDING_M_PER_S: f64 = 0.1;
-/// Angular size from which on a panel fills the view, radians. Choice.
+/// Angular size from which on a panel fills the view, radians. Choice: 92°, most of a headset's
+/// field of view.
 const WIDE_PANEL_RAD: f64 = 1.6;
 
 /// Warning state of one hazard.
@@ -125,7 +131,7 @@ impl WarningState {
         (self.wanted - self.shown).clamp(-fall * passed_s, rise * passed_s)
     }
 
-    /// Updates the visual; a hazard with nothing to show at this place goes dark.
+    /// Updates the visual; a hazard with nothing to show from here goes dark.
     pub fn update_visual(&mut self, now_ns: i64, hazard: &Hazard, body_model: &BodyModel, settings: &WarningSettings) {
         let drawn = self.near.and_then(|near| hazard.draw(body_model, &near, 0.0, settings).map(|drawn| (drawn, near)));
         match drawn {

@@ -9,7 +9,7 @@
 //!
 //! The brightness of a hazard is its urgency, dimmed by habituation, held at the edges and limited
 //! in rate. A hazard that leaves the scene fades at its last position. One that returns with
-//! another id at the same place continues. The sum of all brightness changes per frame is limited,
+//! another id at the same position continues. The sum of all brightness changes per frame is limited,
 //! so that a map that appears in one frame does not flash.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,26 +27,35 @@ use radar_mapping::{Scene, Wall};
 /// Movement or growth that applies at once, metres. Choice: more than the voxel edge, which is how
 /// far the image flickers.
 const IMMEDIATE_CHANGE_M: f64 = 0.075;
-/// A geometry is kept for this time although a good part differs, nanoseconds. Choice.
+/// A geometry is kept for this time although a good part differs, nanoseconds. Choice: two updates
+/// of the map, of which the second confirms the change.
 const HOLD_NS: i64 = 500_000_000;
-/// A geometry is kept for this time when little differs, nanoseconds. Choice.
+/// A geometry is kept for this time when little differs, nanoseconds. Choice: eight updates;
+/// redrawing for a few voxels would make outlines crawl.
 const LONG_HOLD_NS: i64 = 2_000_000_000;
-/// Small difference: share of the points that only one of the two has. Choice.
+/// Small difference: share of the points that only one of the two has. Choice: noise changes voxels
+/// at the edges; a part that moved or was added changes more than a quarter.
 const SMALL_DIFFERENCE: f64 = 0.25;
-/// An obstacle with a new id within this distance of a removed one is the same, metres. Choice.
+/// An obstacle with a new id within this distance of a removed one is the same, metres. Choice:
+/// farther than a detection lies off, nearer than two pieces of furniture stand.
 const SAME_OBSTACLE_M: f64 = 0.25;
-/// Cosine above which the normals of two walls are the same (8°). Choice.
+/// Cosine above which the normals of two walls are the same (8°). Choice: above the 6° by which a
+/// new wall's direction may be off, below any corner's angle.
 const SAME_WALL_COSINE: f64 = 0.99;
-/// Duration assumed for the first frame and for one after a pause, seconds. Choice.
+/// Duration assumed for the first frame and for one after a pause, seconds. Choice: a frame at 90
+/// Hz.
 const FIRST_FRAME_S: f64 = 0.011;
-/// Longest duration counted for a frame, seconds, so that nothing flashes after a stall. Choice.
+/// Longest duration counted for a frame, seconds, so that nothing flashes after a stall. Choice:
+/// half of the rise from dark to full.
 const MAX_FRAME_S: f64 = 0.05;
-/// After a longer pause all warnings start dark, nanoseconds. Choice.
+/// After a longer pause all warnings start dark, nanoseconds. Choice: the wearer has moved on; old
+/// brightnesses mean nothing.
 const PAUSE_NS: i64 = 500_000_000;
 /// Limit of the summed brightness change of all panels per second: one and a half panels at full
-/// rise. Choice.
+/// rise. Choice: more would be a flash of the whole view, as when a room's map is restored.
 const MAX_TOTAL_CHANGE_PER_S: f64 = 15.0;
-/// Bonus that keeps a shown warning among the eight against slightly more urgent ones. Choice.
+/// Bonus that keeps a shown warning among the eight against slightly more urgent ones. Choice: more
+/// than urgencies vary by sway, less than one step towards an obstacle.
 const SHOWN_BONUS: f64 = 0.1;
 
 /// Tracks the warnings of a scene. Deterministic: the same scenes and wearers in the same order
@@ -89,8 +98,8 @@ impl WarningTracker {
         newer.sort_by_key(|body| body.id);
         let mut taken: BTreeSet<u64> = newer.iter().map(|body| body.id).collect();
         for body in newer {
-            let by_place = |held: &&StableBody| !taken.contains(&held.body.id) && held.is_replaced_by(&body);
-            let known = before.iter().find(|held| held.body.id == body.id).or_else(|| before.iter().find(by_place));
+            let by_position = |held: &&StableBody| !taken.contains(&held.body.id) && held.is_replaced_by(&body);
+            let known = before.iter().find(|held| held.body.id == body.id).or_else(|| before.iter().find(by_position));
             if let Some(known) = known {
                 taken.insert(known.body.id);
                 self.rename(HazardKey::Object(known.body.id), HazardKey::Object(body.id));
@@ -270,10 +279,10 @@ impl StableBody {
 
 /// Share of the points that only one of the two has.
 fn difference(a: &ObstacleBody, b: &ObstacleBody) -> f64 {
-    let places = |body: &ObstacleBody| -> BTreeSet<[i64; 3]> {
+    let cells = |body: &ObstacleBody| -> BTreeSet<[i64; 3]> {
         body.points.iter().map(|p| (*p * 100.0).round().to_array().map(|v| v as i64)).collect()
     };
-    let (a, b) = (places(a), places(b));
+    let (a, b) = (cells(a), cells(b));
     let either = a.union(&b).count();
     a.symmetric_difference(&b).count() as f64 / either.max(1) as f64
 }
@@ -394,11 +403,11 @@ mod tests {
     }
 
     /// Brightness of each frame while the wearer follows a path over time in seconds.
-    fn alphas(tracker: &mut WarningTracker, frames: std::ops::Range<i64>, place: impl Fn(f64) -> DVec3) -> Vec<f64> {
+    fn alphas(tracker: &mut WarningTracker, frames: std::ops::Range<i64>, head_at: impl Fn(f64) -> DVec3) -> Vec<f64> {
         let settings = WarningSettings::default();
         let alpha = |frame: i64| {
             let time_ns = frame * FRAME_NS;
-            let pose = Pose::from_translation(place(time_ns as f64 * 1e-9));
+            let pose = Pose::from_translation(head_at(time_ns as f64 * 1e-9));
             let warnings = tracker.warn(&Wearer::head_only(time_ns, pose), &settings);
             warnings.panels.first().map_or(0.0, |panel| f64::from(panel.alpha))
         };
@@ -421,10 +430,10 @@ mod tests {
     #[test]
     fn running_is_warned_before_walking() {
         let lit_from_m = |speed_m_per_s: f64| {
-            let place = |time_s: f64| DVec3::new(0.0, 1.6, -(time_s - 1.0).max(0.0) * speed_m_per_s);
-            let lit = alphas(&mut before_a_wall(3.5), 0..600, place);
+            let head_at = |time_s: f64| DVec3::new(0.0, 1.6, -(time_s - 1.0).max(0.0) * speed_m_per_s);
+            let lit = alphas(&mut before_a_wall(3.5), 0..600, head_at);
             let frame = lit.iter().position(|alpha| *alpha > 0.1).unwrap();
-            3.5 + place(frame as f64 * FRAME_NS as f64 * 1e-9).z
+            3.5 + head_at(frame as f64 * FRAME_NS as f64 * 1e-9).z
         };
         let (strolls_m, walks_m, runs_m) = (lit_from_m(0.6), lit_from_m(1.3), lit_from_m(2.5));
         assert!(strolls_m > 1.2 && strolls_m < 1.5, "{strolls_m}");
@@ -492,7 +501,7 @@ mod tests {
             let away = DVec3::new(-1.3 * n as f64 + 4.75, 0.0, 0.8);
             let to = glam::DQuat::from_rotation_y(n as f64 * 0.785) * DVec3::new(0.0, 0.0, -0.75);
             hazard.position_m += away + to;
-            hazard.shape.iter_mut().for_each(|(place, _)| *place += away + to);
+            hazard.shape.iter_mut().for_each(|(point, _)| *point += away + to);
         }
         let mut tracker = WarningTracker::new();
         tracker.update(&scene(0.0, all));
@@ -524,7 +533,7 @@ mod tests {
         assert_eq!(renamed.panels[0].silhouette, before.panels[0].silhouette, "not drawn anew");
         tracker.update(&scene(0.5, vec![]));
         let fading = alphas(&mut tracker, from + 1..from + 80, |_| DVec3::Y * 1.6);
-        assert_eq!(f64::from(before.panels[0].alpha), fading[40], "held for two looks");
+        assert_eq!(f64::from(before.panels[0].alpha), fading[40], "held for two updates");
         assert!(
             fading.windows(2).all(|pair| pair[0] - pair[1] < 0.05 && pair[0] >= pair[1]) && fading[78] == 0.0,
             "{fading:?}"
@@ -549,7 +558,7 @@ mod tests {
                 let mut hazard = column(id, -0.25);
                 let jitter = DVec3::new(noise() - 0.5, noise() - 0.5, noise() - 0.5) * 0.08 - DVec3::Z * 0.67;
                 hazard.position_m += jitter;
-                hazard.shape.iter_mut().for_each(|(place, _)| *place += jitter);
+                hazard.shape.iter_mut().for_each(|(point, _)| *point += jitter);
                 let there = noise() > 0.2;
                 tracker.update(&scene(frame as f64 * 0.011, if there { vec![hazard] } else { vec![] }));
             }

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::rig::Rig;
 
 const OWN: &str = "home/.config/radar-chaperone/settings.toml";
-const TEXT: &str = "# my own\n[warning] # near things\nfade_distance_m = 3.5 # far\nfull_distance_m = 2.5\n";
+const TEXT: &str = "# my own\n[warning] # near objects\nfade_distance_m = 3.5 # far\nfull_distance_m = 2.5\n";
 
 /// Presses a switch.
 fn press(rig: &Rig, name: &str) {
@@ -66,8 +66,9 @@ fn panel_is_shown_and_its_changes_are_saved() {
     let [x, y] = panel::target(&toml::Table::try_from(Settings::default()).unwrap(), "headset.warnings").unwrap();
     let switch = |picture: &image::RgbaImage| *picture.get_pixel(x as u32, y as u32);
     let mut shots = 0..100;
-    let mut look = || switch(&shoot(&rig, &format!("off{}", shots.next().expect("the switch never looks off"))));
-    while look() == switch(&picture) {}
+    let mut shoot_switch =
+        || switch(&shoot(&rig, &format!("off{}", shots.next().expect("the switch never looks off"))));
+    while shoot_switch() == switch(&picture) {}
     println!("the switch looks off in shot {}", shots.start);
     press(&rig, "headset.warnings");
     rig.wait_report("warnings", is_warning);

@@ -10,7 +10,7 @@ use serde_json::Value;
 const LIT: i32 = 24;
 
 pub struct Eye {
-    place: DVec3,
+    position: DVec3,
     turn: DQuat,
     /// Tangents of the left, right, lower and upper edge.
     edges: [f64; 4],
@@ -30,12 +30,12 @@ impl Eye {
         let [qx, qy, qz, qw] = [0, 1, 2, 3].map(|i| number(&pose["quaternion_xyzw"][i]));
         let edges = ["left", "right", "down", "up"].map(|edge| number(&eye["tangents"][edge]));
         let picture = image::open(folder.join(format!("{name}_{side}.png"))).unwrap().to_rgba8();
-        Self { place: DVec3::new(x, y, z), turn: DQuat::from_xyzw(qx, qy, qz, qw).normalize(), edges, picture }
+        Self { position: DVec3::new(x, y, z), turn: DQuat::from_xyzw(qx, qy, qz, qw).normalize(), edges, picture }
     }
 
     /// Tangents right and up of a point; `None` behind the eye.
-    fn tangents(&self, place: DVec3) -> Option<DVec2> {
-        let seen = self.turn.conjugate() * (place - self.place);
+    fn tangents(&self, position: DVec3) -> Option<DVec2> {
+        let seen = self.turn.conjugate() * (position - self.position);
         (seen.z < -0.01).then(|| DVec2::new(seen.x / -seen.z, seen.y / -seen.z))
     }
 
@@ -49,8 +49,8 @@ impl Eye {
     }
 
     /// Direction of a point.
-    pub fn direction(&self, place: DVec3) -> Option<DVec3> {
-        self.tangents(place).map(|t| DVec3::new(t.x, t.y, -1.0).normalize())
+    pub fn direction(&self, position: DVec3) -> Option<DVec3> {
+        self.tangents(position).map(|t| DVec3::new(t.x, t.y, -1.0).normalize())
     }
 
     /// Mean angle to the right of these directions, weighted by brightness.
@@ -75,7 +75,7 @@ impl Eye {
 }
 
 /// Disparity of a point: how much further right the left eye sees it than the right eye.
-pub fn disparity_rad(left: &Eye, right: &Eye, place: DVec3) -> f64 {
-    let right_rad = |eye: &Eye| eye.tangents(place).map_or(f64::NAN, |t| t.x.atan());
+pub fn disparity_rad(left: &Eye, right: &Eye, position: DVec3) -> f64 {
+    let right_rad = |eye: &Eye| eye.tangents(position).map_or(f64::NAN, |t| t.x.atan());
     right_rad(left) - right_rad(right)
 }

@@ -50,8 +50,11 @@ fn moved_binary_is_reported() {
     assert!(rig.command(&copy).arg("install").status().unwrap().success());
     assert!(doctor(&rig).contains("another copy of this program"));
     fs::remove_file(&copy).unwrap();
-    let said = doctor(&rig);
-    assert!(said.contains("fix ") && said.contains("which is not there: `radar-chaperone install` fixes it"), "{said}");
+    let doctor_text = doctor(&rig);
+    assert!(
+        doctor_text.contains("fix ") && doctor_text.contains("which is not there: `radar-chaperone install` fixes it"),
+        "{doctor_text}"
+    );
     let program = rig.start_run(&[]);
     rig.wait_for("its message", || program.err().contains("`radar-chaperone install` fixes it").then_some(()));
     assert_eq!(program.interrupt().code, Some(0));
@@ -75,11 +78,11 @@ fn doctor_reports_headset_and_graphics() {
     let mut rig = Rig::new("doctor");
     assert!(doctor(&rig).contains("SteamVR is not installed"));
     rig.start_steamvr(&json!({}), false);
-    let said = doctor(&rig);
+    let doctor_text = doctor(&rig);
     for word in ["Fake headset", "90 frames a second", "the head is at 0.00, 1.60, 0.00 m", "play area"] {
-        assert!(said.contains(word), "{word} is not in: {said}");
+        assert!(doctor_text.contains(word), "{word} is not in: {doctor_text}");
     }
-    assert!(said.contains("as SteamVR wants it") || said.contains("graphics"), "{said}");
+    assert!(doctor_text.contains("as SteamVR wants it") || doctor_text.contains("graphics"), "{doctor_text}");
     rig.end_steamvr();
     assert!(doctor(&rig).contains("SteamVR is not running"));
 }

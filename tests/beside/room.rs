@@ -36,7 +36,7 @@ fn recentring_keeps_warnings_fixed_in_the_room() {
         overlays.map(|overlay| (world_from_tracking * pose(&overlay["tracking_from_overlay"])).translation).collect()
     };
     let world_from_tracking = |shot: &Value| pose(&shot["tracking_from_world"]).inverse();
-    let is_at_chair = |place: &DVec3| to(&chair, *place) < 0.3;
+    let is_at_chair = |point: &DVec3| to(&chair, *point) < 0.3;
     let is_warned = |shot: &Value| panels(shot, world_from_tracking(shot)).iter().any(is_at_chair);
     let before = rig.wait_shot("before", is_warned);
     rig.send_command(&json!({"do": "recenter", "x": 0.4, "z": -0.3, "yaw_deg": 50.0}));

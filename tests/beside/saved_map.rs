@@ -32,7 +32,7 @@ fn saved_map_warns_before_redetection() {
     let bytes = std::fs::read(file).unwrap();
     let kept = MapFile::read(file).unwrap();
     let in_room = kept.map.moved(&kept.standing_from_raw);
-    assert!(in_room.places.iter().any(|place| to(&chair, place.position_m) < 0.2), "{in_room:?}");
+    assert!(in_room.places.iter().any(|point| to(&chair, point.position_m) < 0.2), "{in_room:?}");
     rig.end_steamvr();
 
     // The head is beside the chair and looks away from it.
@@ -66,7 +66,7 @@ fn saved_map_warns_before_redetection() {
     assert_eq!(program.interrupt().code, Some(0));
     let is_kept = |file: MapFile| {
         let in_room = file.map.moved(&file.standing_from_raw);
-        in_room.places.iter().any(|place| to(&chair, place.position_m) < 0.2)
+        in_room.places.iter().any(|point| to(&chair, point.position_m) < 0.2)
     };
     assert!(!MapFile::read(file).is_ok_and(is_kept), "it must not be written again at the end");
 
@@ -83,17 +83,17 @@ fn saved_map_warns_before_redetection() {
 /// Brightness of the panels at the chair, in the frame of the shot.
 pub fn panels_at(shot: &Value, chair: &TruthObstacle) -> Vec<f64> {
     let panels = shot["overlays"].as_array().unwrap().iter().filter(|overlay| overlay["sort_order"] == 1);
-    let place = |overlay: &Value| {
+    let position = |overlay: &Value| {
         let [x, y, z] = [0, 1, 2].map(|i| overlay["tracking_from_overlay"]["position_m"][i].as_f64().unwrap());
         DVec3::new(x, y, z)
     };
-    panels.filter(|overlay| to(chair, place(overlay)) < 0.3).map(|panel| panel["alpha"].as_f64().unwrap()).collect()
+    panels.filter(|overlay| to(chair, position(overlay)) < 0.3).map(|panel| panel["alpha"].as_f64().unwrap()).collect()
 }
 
 /// Distance along the floor, metres.
-pub fn to(chair: &TruthObstacle, place: DVec3) -> f64 {
+pub fn to(chair: &TruthObstacle, position: DVec3) -> f64 {
     let level = |v: DVec3| DVec2::new(v.x, v.z).length();
-    chair.points_m.iter().map(|point| level(*point - place)).fold(f64::INFINITY, f64::min)
+    chair.points_m.iter().map(|point| level(*point - position)).fold(f64::INFINITY, f64::min)
 }
 
 /// Track of a head at rest for ten minutes from now, fifty poses per second: the fake runtime

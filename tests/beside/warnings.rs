@@ -153,13 +153,13 @@ fn assert_disparity(shot: &Shot) {
 pub fn chair() -> TruthObstacle {
     let scenario = Scenario::new("furnished-room", "approach-chair", preset("d16").unwrap(), 0.5, SEED);
     let truth = scenario.run().unwrap().truth;
-    truth.obstacles.into_iter().find(|thing| thing.name == "chair").unwrap()
+    truth.obstacles.into_iter().find(|obstacle| obstacle.name == "chair").unwrap()
 }
 
 fn take_shot(rig: &Rig, name: &str, chair: &TruthObstacle) -> Shot {
     let shot = rig.shot(name);
     let eyes = Eye::both(&rig.path("vr/shots"), Path::new(name), &shot);
-    let head = place(&shot["tracking_from_head"]);
+    let head = position(&shot["tracking_from_head"]);
     let level = |v: DVec3| DVec2::new(v.x, v.z);
     let to_chair = |at: DVec3| chair.points_m.iter().map(|p| level(*p - at).length()).fold(f64::INFINITY, f64::min);
     let overlays = shot["overlays"].as_array().unwrap();
@@ -175,7 +175,7 @@ fn take_shot(rig: &Rig, name: &str, chair: &TruthObstacle) -> Shot {
         0.5 * (from + to).length() < to_chair(head) + 0.3 && parts.filter(|part| is_between(*part)).count() > 0
     };
     let own = panels.filter(before_chair);
-    let own = own.map(|overlay| (place(&overlay["tracking_from_overlay"]), overlay["alpha"].as_f64().unwrap()));
+    let own = own.map(|overlay| (position(&overlay["tracking_from_overlay"]), overlay["alpha"].as_f64().unwrap()));
     let own = own.max_by(|a, b| a.1.total_cmp(&b.1));
     Shot {
         eyes,
@@ -191,10 +191,10 @@ fn ends(overlay: &Value) -> [DVec3; 2] {
     let pose = &overlay["tracking_from_overlay"];
     let [x, y, z, w] = [0, 1, 2, 3].map(|i| pose["quaternion_xyzw"][i].as_f64().unwrap());
     let half = DQuat::from_xyzw(x, y, z, w) * DVec3::X * (0.5 * overlay["width_m"].as_f64().unwrap());
-    [place(pose) - half, place(pose) + half]
+    [position(pose) - half, position(pose) + half]
 }
 
-fn place(pose: &Value) -> DVec3 {
+fn position(pose: &Value) -> DVec3 {
     let [x, y, z] = [0, 1, 2].map(|i| pose["position_m"][i].as_f64().unwrap());
     DVec3::new(x, y, z)
 }

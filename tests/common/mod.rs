@@ -141,9 +141,9 @@ impl Outcome {
     }
 
     /// Asserts failure with this text in the error message.
-    pub fn fails_with(self, says: &str) -> Self {
+    pub fn fails_with(self, message: &str) -> Self {
         assert!(!self.succeeded(), "should be refused: {self:#?}");
-        assert!(self.err.contains(says), "should print \"{says}\": {self:#?}");
+        assert!(self.err.contains(message), "should print \"{message}\": {self:#?}");
         self
     }
 

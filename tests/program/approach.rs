@@ -26,7 +26,7 @@ fn away_m(chair: &TruthObstacle, at: DVec3) -> f64 {
 fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
     let scenario = Scenario::new(scene, "approach-chair", preset("d16").unwrap(), THERE_S, seed);
     let simulated = scenario.run().unwrap();
-    let chair = simulated.truth.obstacles.iter().find(|thing| thing.name.contains("chair")).unwrap();
+    let chair = simulated.truth.obstacles.iter().find(|obstacle| obstacle.name.contains("chair")).unwrap();
     let settings = Settings::default();
     let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
     for event in in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()) {

@@ -1,4 +1,4 @@
-//! Invalid settings and arguments: refused before any work, with a message that says what to do.
+//! Invalid settings and arguments: refused before any work, with a message that states what to do.
 
 use crate::common::Folder;
 use crate::vendor_file::short_h5;
@@ -16,7 +16,7 @@ fn impossible_settings_are_refused() {
     folder.write("text", "the quick brown fox");
     folder.write("typo.toml", "[reflectors]\nvoxels_m = 0.1\n");
     folder.write("kind.toml", "[reflectors]\nvoxel_m = \"small\"\n");
-    for (arguments, says) in [
+    for (arguments, message) in [
         ("--set warnings=1", "unknown field `warnings`, expected one of `radar`, `tracking`"),
         ("--set reflectors.voxels_m=1", "unknown field `voxels_m`, expected one of `voxel_m`"),
         ("--set reflectors.voxel_m", "--set reflectors.voxel_m: write it as name=value"),
@@ -46,8 +46,8 @@ fn impossible_settings_are_refused() {
         ("--settings kind.toml", "expected a number"),
     ] {
         for command in ["replay r.mcap", "reconstruct r.mcap --out v.npy"] {
-            let outcome = folder.run(&format!("{command} {arguments}")).fails_with(says);
-            assert_eq!(outcome.err.matches(says).count(), 1, "printed twice: {outcome:#?}");
+            let outcome = folder.run(&format!("{command} {arguments}")).fails_with(message);
+            assert_eq!(outcome.err.matches(message).count(), 1, "printed twice: {outcome:#?}");
         }
     }
     assert!(!folder.path("v.npy").exists());
@@ -66,7 +66,7 @@ fn settings_file_and_set_arguments_apply() {
 #[test]
 fn impossible_volumes_are_refused() {
     let folder = folder("volumes");
-    for (arguments, says) in [
+    for (arguments, message) in [
         ("--voxel-m 0", "--voxel-m 0: give"),
         ("--voxel-m nan", "--voxel-m NaN: give"),
         ("--voxel-m inf", "--voxel-m inf: give"),
@@ -95,7 +95,7 @@ fn impossible_volumes_are_refused() {
         ("--time-offset-s 1e300", "--time-offset-s 1"),
         ("--time-offset-s 9", "no sweep of r.mcap has a pose"),
     ] {
-        folder.run(&format!("reconstruct r.mcap --out v.npy {arguments}")).fails_with(says);
+        folder.run(&format!("reconstruct r.mcap --out v.npy {arguments}")).fails_with(message);
     }
     assert!(!folder.path("v.npy").exists());
     folder.run("reconstruct r.mcap").fails_with("--out <FILE.npy>");
@@ -113,7 +113,7 @@ fn asking_for_too_many_sweeps_uses_all() {
 #[test]
 fn impossible_scenarios_are_refused() {
     let folder = Folder::new("scenarios");
-    for (arguments, says) in [
+    for (arguments, message) in [
         ("moon", "invalid value 'moon' for '<ROOM>'"),
         ("nothing --motion moonwalk", "invalid value 'moonwalk' for '--motion"),
         ("nothing --preset best", "invalid value 'best' for '--preset"),
@@ -133,7 +133,7 @@ fn impossible_scenarios_are_refused() {
         ("nothing --dropouts-per-minute nan", "NaN dropouts a minute cannot be simulated"),
         ("nothing --dropouts-per-minute 1e9", "1000000000 dropouts a minute cannot be simulated"),
     ] {
-        folder.run(&format!("simulate {arguments} --out x.mcap")).fails_with(says);
+        folder.run(&format!("simulate {arguments} --out x.mcap")).fails_with(message);
         assert!(!folder.path("x.mcap").exists(), "{arguments}");
     }
     folder.run("simulate nothing").fails_with("--out <FILE.mcap>");
@@ -142,13 +142,13 @@ fn impossible_scenarios_are_refused() {
 #[test]
 fn impossible_speeds_are_refused() {
     let folder = folder("speeds");
-    for (speed, says) in [
+    for (speed, message) in [
         ("0", "--speed 0: give a number above 0"),
         ("nan", "--speed NaN: give a number above 0"),
         ("inf", "--speed inf: give a number above 0"),
         ("fast", "invalid value 'fast' for '--speed"),
     ] {
-        folder.run(&format!("replay r.mcap --speed {speed}")).fails_with(says);
+        folder.run(&format!("replay r.mcap --speed {speed}")).fails_with(message);
     }
     folder.run("replay r.mcap --speed=-1").fails_with("--speed -1: give a number above 0");
 }
@@ -157,8 +157,9 @@ fn impossible_speeds_are_refused() {
 fn an_impossible_mount_of_an_import_is_refused() {
     let folder = Folder::new("import_mount");
     folder.write("input.h5", short_h5());
-    for (mount, says) in [("1", "\"1\" is no mount"), ("0,0,inf", "is not finite"), ("0,0,0,0,0,0,0", "length zero")] {
-        folder.run(&format!("import input.h5 --mount {mount} --out r.mcap")).fails_with(says);
+    for (mount, message) in [("1", "\"1\" is no mount"), ("0,0,inf", "is not finite"), ("0,0,0,0,0,0,0", "length zero")]
+    {
+        folder.run(&format!("import input.h5 --mount {mount} --out r.mcap")).fails_with(message);
     }
 }
 

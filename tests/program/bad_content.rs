@@ -23,7 +23,7 @@ struct Streams {
 struct Case {
     name: &'static str,
     damage: fn(&mut Streams),
-    says: &'static str,
+    message: &'static str,
 }
 
 /// The second half, so that enough good data remain to be imaged.
@@ -44,87 +44,95 @@ const NUMBERS: &str = "left out: 5 poses with impossible numbers";
 const LENGTH: &str = "left out: 5 frames of wrong length";
 const NO_POSE: &str = "No sweep has a pose";
 const CASES: [Case; 29] = [
-    Case { name: "no damage", damage: |_| {}, says: " 0 frames without a pose skipped\n\n" },
-    Case { name: "position NaN", damage: |s| each_pose(s, |p| p.position_m[1] = f64::NAN), says: NUMBERS },
-    Case { name: "position infinite", damage: |s| each_pose(s, |p| p.position_m[2] = f64::INFINITY), says: NUMBERS },
-    Case { name: "rotation NaN", damage: |s| each_pose(s, |p| p.quaternion_xyzw[0] = f64::NAN), says: NUMBERS },
+    Case { name: "no damage", damage: |_| {}, message: " 0 frames without a pose skipped\n\n" },
+    Case { name: "position NaN", damage: |s| each_pose(s, |p| p.position_m[1] = f64::NAN), message: NUMBERS },
+    Case { name: "position infinite", damage: |s| each_pose(s, |p| p.position_m[2] = f64::INFINITY), message: NUMBERS },
+    Case { name: "rotation NaN", damage: |s| each_pose(s, |p| p.quaternion_xyzw[0] = f64::NAN), message: NUMBERS },
     Case {
         name: "rotation infinite",
         damage: |s| each_pose(s, |p| p.quaternion_xyzw[3] = -f64::INFINITY),
-        says: NUMBERS,
+        message: NUMBERS,
     },
-    Case { name: "rotation zero", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [0.0; 4]), says: NUMBERS },
-    Case { name: "rotation tiny", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [1e-300; 4]), says: NUMBERS },
-    Case { name: "rotation huge", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [1e300; 4]), says: "obstacle" },
-    Case { name: "poses far out", damage: |s| each_pose(s, |p| p.position_m = [1e6, -1e6, 1e6]), says: "obstacle" },
-    Case { name: "poses at 1e300 m", damage: |s| each_pose(s, |p| p.position_m = [1e300; 3]), says: "obstacle" },
-    Case { name: "all far out", damage: |s| s.poses.iter_mut().for_each(|p| p.position_m[0] += 1e9), says: "obstacle" },
+    Case { name: "rotation zero", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [0.0; 4]), message: NUMBERS },
+    Case { name: "rotation tiny", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [1e-300; 4]), message: NUMBERS },
+    Case { name: "rotation huge", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [1e300; 4]), message: "obstacle" },
+    Case { name: "poses far out", damage: |s| each_pose(s, |p| p.position_m = [1e6, -1e6, 1e6]), message: "obstacle" },
+    Case { name: "poses at 1e300 m", damage: |s| each_pose(s, |p| p.position_m = [1e300; 3]), message: "obstacle" },
+    Case {
+        name: "all far out",
+        damage: |s| s.poses.iter_mut().for_each(|p| p.position_m[0] += 1e9),
+        message: "obstacle",
+    },
     Case {
         name: "all at 1e300 m",
         damage: |s| s.poses.iter_mut().for_each(|p| p.position_m = [1e300; 3]),
-        says: "obstacle",
+        message: "obstacle",
     },
     Case {
         name: "marked invalid",
         damage: |s| each_pose(s, |p| p.valid = false),
-        says: "left out: 5 poses marked invalid",
+        message: "left out: 5 poses marked invalid",
     },
     Case {
         name: "rotation only",
         damage: |s| each_pose(s, |p| p.result = TrackingResult::RotationOnly),
-        says: "left out: 5 poses marked invalid",
+        message: "left out: 5 poses marked invalid",
     },
-    Case { name: "all marked invalid", damage: |s| s.poses.iter_mut().for_each(|p| p.valid = false), says: NO_POSE },
+    Case { name: "all marked invalid", damage: |s| s.poses.iter_mut().for_each(|p| p.valid = false), message: NO_POSE },
     Case {
         name: "pose times leap back",
         damage: |s| each_pose(s, |p| p.time_ns -= 500_000_000),
-        says: "left out: 5 poses not later than the one before",
+        message: "left out: 5 poses not later than the one before",
     },
     Case {
         name: "pose times run backwards",
         damage: |s| s.poses.reverse(),
-        says: "poses not later than the one before",
+        message: "poses not later than the one before",
     },
     Case {
         name: "pose times at the limits of i64",
         damage: |s| (s.poses[0].time_ns, s.poses[1].time_ns) = (i64::MIN, i64::MAX),
-        says: "left out: 2 poses far ahead in time",
+        message: "left out: 2 poses far ahead in time",
     },
     Case {
         name: "frame times leap back",
         damage: |s| each_frame(s, |f| f.host_time_ns -= 500_000_000),
-        says: "left out: 5 frames not later than the one before",
+        message: "left out: 5 frames not later than the one before",
     },
     Case {
         name: "frame times run backwards",
         damage: |s| s.frames.reverse(),
-        says: "frames not later than the one before",
+        message: "frames not later than the one before",
     },
     Case {
         name: "frame times at the limits of i64",
         damage: |s| (s.frames[0].host_time_ns, s.frames[1].host_time_ns) = (i64::MIN, i64::MAX),
-        says: "left out: 2 frames far ahead in time",
+        message: "left out: 2 frames far ahead in time",
     },
     Case {
         name: "one pose of another day",
         damage: |s| s.poses[20].time_ns += 86_400_000_000_000,
-        says: "left out: 1 poses far ahead in time",
+        message: "left out: 1 poses far ahead in time",
     },
     Case {
         name: "the first frame of another day",
         damage: |s| s.frames[0].host_time_ns += 86_400_000_000_000,
-        says: "left out: 1 frames far ahead in time",
+        message: "left out: 1 frames far ahead in time",
     },
-    Case { name: "frames cut", damage: |s| each_frame(s, |f| f.samples.truncate(17)), says: LENGTH },
-    Case { name: "frames too long", damage: |s| each_frame(s, |f| f.samples.push(Complex::new(1, 1))), says: LENGTH },
+    Case { name: "frames cut", damage: |s| each_frame(s, |f| f.samples.truncate(17)), message: LENGTH },
+    Case {
+        name: "frames too long",
+        damage: |s| each_frame(s, |f| f.samples.push(Complex::new(1, 1))),
+        message: LENGTH,
+    },
     Case {
         name: "frames saturated",
         damage: |s| each_frame(s, |f| f.data_saturated = true),
-        says: "left out: 5 frames saturated",
+        message: "left out: 5 frames saturated",
     },
-    Case { name: "no poses", damage: |s| s.poses.clear(), says: NO_POSE },
-    Case { name: "no frames", damage: |s| s.frames.clear(), says: NO_POSE },
-    Case { name: "nothing at all", damage: |s| (s.frames, s.poses) = Default::default(), says: NO_POSE },
+    Case { name: "no poses", damage: |s| s.poses.clear(), message: NO_POSE },
+    Case { name: "no frames", damage: |s| s.frames.clear(), message: NO_POSE },
+    Case { name: "nothing at all", damage: |s| (s.frames, s.poses) = Default::default(), message: NO_POSE },
 ];
 
 #[test]
@@ -149,7 +157,7 @@ fn replay_each_case(preset_name: &str, motion: &str) {
         let mut streams = sound.clone();
         (case.damage)(&mut streams);
         write(&folder, &streams);
-        check_commands(&folder, &streams, case.says);
+        check_commands(&folder, &streams, case.message);
     }
 }
 
@@ -168,9 +176,9 @@ fn write(folder: &Folder, streams: &Streams) {
     writer.finish().unwrap();
 }
 
-fn check_commands(folder: &Folder, streams: &Streams, says: &str) {
+fn check_commands(folder: &Folder, streams: &Streams, message: &str) {
     folder.run("info r.mcap").succeeds().prints("Damage     none");
-    folder.run("replay r.mcap --out found --set reflectors.voxel_m=0.2").succeeds().prints(says);
+    folder.run("replay r.mcap --out found --set reflectors.voxel_m=0.2").succeeds().prints(message);
     assert_eq!(counter(folder, "frames"), streams.frames.len() as u64);
     assert_eq!(counter(folder, "poses"), streams.poses.len() as u64);
     let outcome = folder.run("reconstruct r.mcap --voxel-m 0.2 --sweeps 10 --out v.npy");

@@ -33,7 +33,7 @@ fn non_recordings_are_refused_with_a_reason() {
     let folder = Folder::new("no_recording");
     write_foreign_files(&folder);
     for command in READERS {
-        for (file, says) in [
+        for (file, message) in [
             ("missing", "cannot open missing: No such file or directory"),
             ("folder", "folder is a folder or a device: give the recording's file"),
             ("empty", "empty is empty: the recording ended before anything was written; record again"),
@@ -41,7 +41,7 @@ fn non_recordings_are_refused_with_a_reason() {
             ("picture", "picture is not a recording: it does not begin as an MCAP file"),
             ("mcap", "mcap is an MCAP file, but holds no radar-chaperone header"),
         ] {
-            folder.run(&command.replace("FILE", file)).fails_with(says);
+            folder.run(&command.replace("FILE", file)).fails_with(message);
             let left = ["saved.mcap", "v.npy", "found/obstacles.json"].map(|name| folder.path(name).exists());
             assert_eq!(left, [false; 3], "{command} of {file} left a file");
         }
@@ -53,7 +53,7 @@ fn non_vendor_files_are_refused_with_a_reason() {
     let folder = Folder::new("no_vendor_file");
     write_foreign_files(&folder);
     folder.run("simulate nothing --preset c16 --duration-s 0.2 --out mcap").succeeds();
-    for (file, says) in [
+    for (file, message) in [
         ("missing", "cannot read missing: No such file or directory"),
         ("folder", "folder is a folder or a device: give the file itself"),
         ("empty", "empty cannot be read as HDF5"),
@@ -61,7 +61,7 @@ fn non_vendor_files_are_refused_with_a_reason() {
         ("picture", "picture cannot be read as HDF5"),
         ("mcap", "mcap cannot be read as HDF5"),
     ] {
-        folder.run(&format!("import {file} --out r.mcap")).fails_with(says);
+        folder.run(&format!("import {file} --out r.mcap")).fails_with(message);
         assert!(!folder.path("r.mcap").exists());
     }
 }
@@ -75,7 +75,7 @@ fn truncated_recording_is_read_up_to_the_cut() {
         folder.write("cut.mcap", &bytes[..bytes.len() * share / 100]);
         for command in READERS {
             let outcome = folder.run(&command.replace("FILE", "cut.mcap"));
-            let refused_rightly = |says: &[&str]| says.iter().any(|s| outcome.err.contains(s));
+            let refused_rightly = |message: &[&str]| message.iter().any(|s| outcome.err.contains(s));
             assert!(
                 outcome.succeeded() || refused_rightly(&["cut right at its start", "no sweep of cut.mcap has a pose"]),
                 "{share} %: {outcome:#?}"
@@ -152,21 +152,21 @@ fn bad_track_is_refused_with_its_line_number() {
     let folder = Folder::new("track");
     folder.write("input.h5", short_h5());
     write_foreign_files(&folder);
-    for (line, says) in [
+    for (line, message) in [
         ("1 2 3", "line 2: 3 columns instead of 8"),
         ("0 0 0 zero 0 0 0 1", "line 2: \"zero\" is not a number"),
         ("1e300 0 0 0 0 0 0 1", "line 2: a time of"),
     ] {
         folder.write("track.tum", format!("# a track\n{line}\n"));
-        folder.run("import input.h5 --poses track.tum --out r.mcap").fails_with(says);
+        folder.run("import input.h5 --poses track.tum --out r.mcap").fails_with(message);
     }
-    for (file, says) in [
+    for (file, message) in [
         ("missing", "cannot read missing"),
         ("folder", "folder is a folder"),
         ("picture", "picture, line 1: not text"),
         ("text", "text, line 1: \"timestamp_s\" is not a number"),
     ] {
-        folder.run(&format!("import input.h5 --poses {file} --out r.mcap")).fails_with(says);
+        folder.run(&format!("import input.h5 --poses {file} --out r.mcap")).fails_with(message);
     }
     folder.run("import input.h5 --poses empty --out r.mcap").succeeds();
     folder.run("replay r.mcap").succeeds().prints("No sweep has a pose");

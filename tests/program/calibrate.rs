@@ -25,21 +25,21 @@ fn estimated(scenario: &Scenario, simulated: &Simulated) -> Result<Synchronisati
 fn known_offsets_are_estimated_by_both_methods() {
     for (offset_s, seed) in [(-0.02, 1), (0.0, 2), (0.035, 3)] {
         let (scenario, simulated) = trial("to-and-fro", offset_s, seed);
-        let told = estimated(&scenario, &simulated).unwrap();
-        let whole = told.whole.estimate.unwrap();
+        let estimate = estimated(&scenario, &simulated).unwrap();
+        let whole = estimate.whole.estimate.unwrap();
         assert!(whole.observable && (whole.offset_s - offset_s).abs() < 0.7e-3, "{offset_s}: {whole:?}");
         assert!((whole.offset_s - offset_s).abs() < 4.0 * whole.sigma_s, "{offset_s}: {whole:?}");
-        let rates = told.whole.by_rates.unwrap();
+        let rates = estimate.whole.by_rates.unwrap();
         assert!((rates.offset_s - offset_s).abs() < 2e-3 && rates.correlation > 0.98, "{offset_s}: {rates:?}");
-        let first = told.windows[0];
+        let first = estimate.windows[0];
         assert!(first.from_s > 0.9 && first.from_s < 1.4 && (first.to_s - first.from_s - 2.0).abs() < 1e-6);
         assert!((first.estimate.unwrap().offset_s - offset_s).abs() < 2e-3, "{offset_s}: {first:?}");
-        assert!(!told.start_lag.unwrap().is_significant, "{offset_s}: {:?}", told.start_lag);
-        assert!(told.spread_corrected_m.unwrap() < 4e-3, "{told:?}");
+        assert!(!estimate.start_lag.unwrap().is_significant, "{offset_s}: {:?}", estimate.start_lag);
+        assert!(estimate.spread_corrected_m.unwrap() < 4e-3, "{estimate:?}");
         if offset_s != 0.0 {
-            assert!(told.spread_as_set_m > 2.0 * told.spread_corrected_m.unwrap());
+            assert!(estimate.spread_as_set_m > 2.0 * estimate.spread_corrected_m.unwrap());
         }
-        let error_m = told.reflector_m.distance(simulated.truth.obstacles[0].points_m[0]);
+        let error_m = estimate.reflector_m.distance(simulated.truth.obstacles[0].points_m[0]);
         // The path is straight: the cross-range position is hardly known.
         assert!(error_m < 0.5, "{error_m}");
     }
@@ -61,10 +61,10 @@ fn start_lag_is_detected_in_the_first_window() {
             last_ns = last_ns.max(frame.host_time_ns);
             is_later
         });
-        let told = estimated(&scenario, &simulated).unwrap();
-        let lag = told.start_lag.unwrap();
-        assert!(lag.is_significant && (lag.lag_s + lag_s).abs() < 3e-3, "{lag_s}: {lag:?} {:?}", told.windows);
-        let later = told.windows.last().unwrap().estimate.unwrap();
+        let estimate = estimated(&scenario, &simulated).unwrap();
+        let lag = estimate.start_lag.unwrap();
+        assert!(lag.is_significant && (lag.lag_s + lag_s).abs() < 3e-3, "{lag_s}: {lag:?} {:?}", estimate.windows);
+        let later = estimate.windows.last().unwrap().estimate.unwrap();
         assert!(later.offset_s.abs() < 2e-3, "{later:?}");
     }
 }
@@ -72,12 +72,12 @@ fn start_lag_is_detected_in_the_first_window() {
 #[test]
 fn unobservable_offsets_are_reported_as_unobservable() {
     let (scenario, simulated) = trial("straight-0.3", 0.02, 6);
-    let told = estimated(&scenario, &simulated);
-    assert!(told.as_ref().map_or(true, |t| t.whole.estimate.is_none_or(|e| !e.observable)), "{told:?}");
+    let estimate = estimated(&scenario, &simulated);
+    assert!(estimate.as_ref().map_or(true, |t| t.whole.estimate.is_none_or(|e| !e.observable)), "{estimate:?}");
     let still = trial("stationary", 0.02, 7);
-    let told = estimated(&still.0, &still.1).unwrap();
-    assert!(told.whole.by_rates.is_none() && told.start_lag.is_none(), "{told:?}");
-    assert!(told.whole.estimate.is_none_or(|e| !e.observable), "{told:?}");
+    let estimate = estimated(&still.0, &still.1).unwrap();
+    assert!(estimate.whole.by_rates.is_none() && estimate.start_lag.is_none(), "{estimate:?}");
+    assert!(estimate.whole.estimate.is_none_or(|e| !e.observable), "{estimate:?}");
     let mut empty = still.1.clone();
     empty.poses.clear();
     assert!(matches!(estimated(&still.0, &empty), Err(SynchronisationError::NoPoses)));

@@ -14,9 +14,9 @@ fn session(seed: u64, duration_s: f64, visitor: bool) -> Session {
     play.prepare().unwrap()
 }
 
-/// Plays a session. `look` is called after each update of the map with the time, seconds, and the
+/// Plays a session. `on_update` is called after each update of the map with the time, seconds, and the
 /// scene.
-fn played(session: &Session, changes: &[&str], mut look: impl FnMut(f64, Scene)) {
+fn played(session: &Session, changes: &[&str], mut on_update: impl FnMut(f64, Scene)) {
     let changes: Vec<String> = changes.iter().map(|change| (*change).to_owned()).collect();
     let settings = Settings::from_toml("", &changes).unwrap();
     let play = session.play();
@@ -25,7 +25,7 @@ fn played(session: &Session, changes: &[&str], mut look: impl FnMut(f64, Scene))
         mapper.push(event).unwrap();
         if let Some(scene) = mapper.poll_scene() {
             let evidence_ns = mapper.evidence_ns().unwrap_or(0);
-            look((evidence_ns - Session::host_ns(0.0)) as f64 * 1e-9, scene);
+            on_update((evidence_ns - Session::host_ns(0.0)) as f64 * 1e-9, scene);
         }
     }
 }

@@ -7,9 +7,13 @@ use crate::found::obstacles_of;
 #[test]
 fn play_session_is_recorded_with_truth_and_reconstructed() {
     let folder = Folder::new("play_room");
-    let said = folder.run("simulate play-room --duration-s 20 --seed 4 --out a.mcap").succeeds();
-    assert!(said.out.contains("chair at the wall") && said.out.contains("6 walls"), "{}", said.out);
-    assert!(!said.out.contains("chair to be removed"), "the removed chair must not be part of the truth: {}", said.out);
+    let outcome = folder.run("simulate play-room --duration-s 20 --seed 4 --out a.mcap").succeeds();
+    assert!(outcome.out.contains("chair at the wall") && outcome.out.contains("6 walls"), "{}", outcome.out);
+    assert!(
+        !outcome.out.contains("chair to be removed"),
+        "the removed chair must not be part of the truth: {}",
+        outcome.out
+    );
     folder.run("simulate play-room --duration-s 20 --seed 4 --out b.mcap").succeeds();
     assert!(folder.read("a.mcap") == folder.read("b.mcap"), "the same seed gives the same file");
     let found = obstacles_of(&folder, "a.mcap");

@@ -83,7 +83,7 @@ fn impossible_arguments_are_refused_before_anything_is_opened() {
     folder.write("there.mcap", "precious");
     folder.write("no.json", "{\"hwaas\":}");
     folder.write("rule.json", "{\"sweeps_per_frame\": 0}");
-    for (arguments, says) in [
+    for (arguments, message) in [
         ("--out there.mcap", "there.mcap is there already: choose another name"),
         ("--out none/r.mcap", "there is no folder none: make it"),
         ("--out r.mcap --duration-s 0", "--duration-s 0: give seconds above 0"),
@@ -100,7 +100,7 @@ fn impossible_arguments_are_refused_before_anything_is_opened() {
         ("--out r.mcap --calibration no.json", "no.json is no calibration"),
         ("--out r.mcap --calibration .", "cannot read calibration ."),
     ] {
-        folder.run(&format!("record --port /dev/ttyNONE7 {arguments}")).fails_with(says);
+        folder.run(&format!("record --port /dev/ttyNONE7 {arguments}")).fails_with(message);
     }
     assert_eq!(folder.read("there.mcap"), b"precious");
     assert!(!folder.path("r.mcap").exists());
@@ -109,20 +109,20 @@ fn impossible_arguments_are_refused_before_anything_is_opened() {
 #[test]
 fn ports_that_cannot_be_opened_say_why() {
     let folder = Folder::new("record_ports");
-    for (port, says) in [
+    for (port, message) in [
         ("/dev/ttyNONE7", "there is no port /dev/ttyNONE7: there is"),
         ("/dev/null", "/dev/null is not a serial port"),
         ("tcp:", "\"tcp:\" is not an address: write tcp:HOST or tcp:HOST:PORT"),
         ("tcp:127.0.0.1:1", "tcp:127.0.0.1:1 refuses the connection: start the exploration server there"),
     ] {
-        folder.run(&format!("record --out r.mcap --port {port}")).fails_with(says);
-        let doctor = folder.run(&format!("doctor --port {port}")).fails_with("one thing must be fixed");
-        assert!(doctor.out.contains("fix ") && doctor.out.contains(says), "{doctor:#?}");
+        folder.run(&format!("record --out r.mcap --port {port}")).fails_with(message);
+        let doctor = folder.run(&format!("doctor --port {port}")).fails_with("one problem must be fixed");
+        assert!(doctor.out.contains("fix ") && doctor.out.contains(message), "{doctor:#?}");
     }
     assert!(!folder.path("r.mcap").exists());
     if discover(&list_ports()).candidates.is_empty() {
         folder.run("record --out r.mcap").fails_with("no A121 board is found: there is");
-        let doctor = folder.run("doctor").fails_with("one thing must be fixed").prints("no A121 board is found");
+        let doctor = folder.run("doctor").fails_with("one problem must be fixed").prints("no A121 board is found");
         let doctor = doctor.prints("simulate furnished-room --serve").prints("carried by line").prints("not known yet");
         assert!(doctor.out.contains("slow-link      6.63        25        25    9.2"), "{doctor:#?}");
     }
@@ -137,10 +137,10 @@ fn busy_port_names_the_process_that_holds_it() {
     let path = serialport::SerialPort::name(&ours).unwrap();
     drop(ours);
     let _held = Line::open(&Address::Serial { path: path.clone(), flow_control: true }).unwrap();
-    let says = format!("{path} is in use by ");
-    let outcome = folder.run(&format!("record --out r.mcap --port {path}")).fails_with(&says);
+    let message = format!("{path} is in use by ");
+    let outcome = folder.run(&format!("record --out r.mcap --port {path}")).fails_with(&message);
     assert!(outcome.err.contains(&format!("(process {})", std::process::id())), "{outcome:#?}");
-    folder.run(&format!("doctor --port {path}")).fails_with("one thing must be fixed").prints(&says);
+    folder.run(&format!("doctor --port {path}")).fails_with("one problem must be fixed").prints(&message);
 }
 
 #[test]
@@ -170,8 +170,8 @@ fn a_board_is_recorded_with_poses_and_calibration() {
 fn doctor_passes_a_healthy_board() {
     let folder = Folder::new("doctor_board");
     let outcome = folder.run(&format!("doctor --port {}", board())).succeeds();
-    for says in ["ok       Board", "ok       Opens", "ok       Answers", "ok       Sensors      connected: 1 of 1"] {
-        assert!(outcome.out.contains(says), "{says}: {outcome:#?}");
+    for message in ["ok       Board", "ok       Opens", "ok       Answers", "ok       Sensors      connected: 1 of 1"] {
+        assert!(outcome.out.contains(message), "{message}: {outcome:#?}");
     }
     assert!(outcome.out.contains("carried by network") && !outcome.out.contains("fix "), "{outcome:#?}");
     assert!(outcome.out.contains("Stream       preset d16: ") && outcome.out.contains(" 0 lost"), "{outcome:#?}");

@@ -129,7 +129,7 @@ fn scene_figures_and_log_agree() {
     let folder = Folder::new("results_agree");
     let file = furnished(&folder);
     let (updates, figures) = (file.all::<SceneUpdate>("/scene"), file.all::<wire::Figures>("/figures"));
-    assert!(updates.len() >= 20 && updates.len() == figures.len(), "{} looks", updates.len());
+    assert!(updates.len() >= 20 && updates.len() == figures.len(), "{} updates", updates.len());
     let mut standing = BTreeSet::new();
     let mut ever = BTreeSet::new();
     for ((time, update), (figures_time, figures)) in updates.iter().zip(&figures) {
@@ -161,9 +161,9 @@ fn scene_figures_and_log_agree() {
     };
     assert!((900.0..1200.0).contains(&usual), "{rates:?}");
     let log: Vec<String> = file.all::<Log>("/log").into_iter().map(|(_, line)| line.message).collect();
-    let told: BTreeSet<String> =
+    let logged: BTreeSet<String> =
         log.iter().filter_map(|line| line.split_once(" found ")).map(|(name, _)| name.to_owned()).collect();
-    assert_eq!(told, ever, "{log:#?}");
+    assert_eq!(logged, ever, "{log:#?}");
     let beam = file.all::<SceneUpdate>("/beam");
     assert_eq!(beam.len(), 1);
     assert_entity(&beam[0].1.entities[0], "sensor");

@@ -49,7 +49,7 @@ fn present_objects_are_confirmed_under_their_id_and_absent_ones_removed() {
     gone.position_m = first.translation + first.forward() * 1.0;
     gone.shape = vec![(gone.position_m, 9.0)];
     gone.strengths = gone.strengths.map(|_| known.places[0].strengths.into_iter().fold(0.0, f64::max));
-    assert!(known.places.iter().all(|place| place.position_m.distance(gone.position_m) > 0.4));
+    assert!(known.places.iter().all(|point| point.position_m.distance(gone.position_m) > 0.4));
     let gone_m = gone.position_m;
     with_more.places.push(gone);
 
@@ -60,10 +60,11 @@ fn present_objects_are_confirmed_under_their_id_and_absent_ones_removed() {
     };
     let at_once = begin().scene();
     assert!(
-        at_once.obstacles.iter().all(|thing| thing.provisional) && at_once.walls.iter().all(|wall| wall.provisional)
+        at_once.obstacles.iter().all(|obstacle| obstacle.provisional)
+            && at_once.walls.iter().all(|wall| wall.provisional)
     );
     assert!(
-        at_once.obstacles.iter().any(|thing| thing.position_m.distance(gone_m) < 0.05),
+        at_once.obstacles.iter().any(|obstacle| obstacle.position_m.distance(gone_m) < 0.05),
         "restored objects must be in the scene at once"
     );
     assert_eq!(at_once.walls.len(), known.walls.len());
@@ -71,18 +72,18 @@ fn present_objects_are_confirmed_under_their_id_and_absent_ones_removed() {
 
     let after = feed(begin(), events(&simulated));
     let (scene, left) = (after.scene(), after.saved_map());
-    assert!(left.places.iter().all(|place| place.id != 900), "observed and absent: must be removed");
-    let chair = simulated.truth.obstacles.iter().find(|thing| thing.name == "chair").unwrap();
+    assert!(left.places.iter().all(|point| point.id != 900), "observed and absent: must be removed");
+    let chair = simulated.truth.obstacles.iter().find(|obstacle| obstacle.name == "chair").unwrap();
     let at_chair = |at: DVec3| chair.points_m.iter().any(|point| point.distance(at) < 0.2);
-    let is_known = |id: u64| known.places.iter().any(|place| place.id == id && at_chair(place.position_m));
-    let confirmed = scene.obstacles.iter().find(|thing| !thing.provisional && is_known(thing.id));
-    assert!(confirmed.is_some_and(|thing| at_chair(thing.position_m)), "{:?}", told(&scene));
+    let is_known = |id: u64| known.places.iter().any(|point| point.id == id && at_chair(point.position_m));
+    let confirmed = scene.obstacles.iter().find(|obstacle| !obstacle.provisional && is_known(obstacle.id));
+    assert!(confirmed.is_some_and(|obstacle| at_chair(obstacle.position_m)), "{:?}", summary(&scene));
     assert!(scene.walls.iter().any(|wall| !wall.provisional && known.walls.iter().any(|was| was.id == wall.id)));
     assert_eq!(feed(begin(), events(&simulated)).scene(), scene, "must be repeatable");
 }
 
-fn told(scene: &Scene) -> Vec<(u64, DVec3, bool)> {
-    scene.obstacles.iter().map(|thing| (thing.id, thing.position_m, thing.provisional)).collect()
+fn summary(scene: &Scene) -> Vec<(u64, DVec3, bool)> {
+    scene.obstacles.iter().map(|obstacle| (obstacle.id, obstacle.position_m, obstacle.provisional)).collect()
 }
 
 #[test]
@@ -90,7 +91,7 @@ fn recorded_hands_equal_pushed_hands() {
     let (scenario, simulated) = room(5.0);
     let plain = events(&simulated);
     // A hand on the chair all the time: no new detection is accepted there.
-    let chair = simulated.truth.obstacles.iter().find(|thing| thing.name == "chair").unwrap();
+    let chair = simulated.truth.obstacles.iter().find(|obstacle| obstacle.name == "chair").unwrap();
     let hands_m = [None, Some(chair.points_m[0])];
     let hands = simulated.poses.iter().map(|pose| HandsSample { time_ns: pose.time_ns, hands_m }).step_by(3);
     let mut with_hands: Vec<Event> = plain.iter().cloned().chain(hands.map(Event::Hands)).collect();

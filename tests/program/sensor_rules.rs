@@ -79,10 +79,10 @@ fn broken_sensor_rule_names_field_value_and_bound() {
         ),
     ];
     let folder = Folder::new("rules");
-    for (config, says) in table {
+    for (config, message) in table {
         folder.write("sensor.json", config.to_string());
         let outcome =
-            folder.run("simulate nothing --config sensor.json --duration-s 0.2 --out r.mcap").fails_with(says);
+            folder.run("simulate nothing --config sensor.json --duration-s 0.2 --out r.mcap").fails_with(message);
         assert!(outcome.err.contains("sensor.json breaks a rule of the sensor"), "{outcome:#?}");
         assert!(!folder.path("r.mcap").exists(), "nothing is written");
     }
@@ -100,9 +100,9 @@ fn invalid_configuration_file_is_refused_with_position() {
         ("{\"sweeps_per_frame\": -1}", "invalid value: integer `-1`"),
         ("{\"frame_rate\": 1e999}", "number out of range"),
     ];
-    for (text, says) in table {
+    for (text, message) in table {
         folder.write("sensor.json", text);
-        let outcome = folder.run("simulate nothing --config sensor.json --out r.mcap").fails_with(says);
+        let outcome = folder.run("simulate nothing --config sensor.json --out r.mcap").fails_with(message);
         assert!(outcome.err.contains("sensor.json is no sensor configuration"), "{outcome:#?}");
     }
     folder

@@ -65,7 +65,7 @@ impl<T: Read + Write> Client<T> {
         Self { port, held: Vec::new() }
     }
 
-    fn say(&mut self, command: Value) {
+    fn send(&mut self, command: Value) {
         self.port.write_all(format!("{command}\n").as_bytes()).unwrap();
     }
 
@@ -102,7 +102,7 @@ impl<T: Read + Write> Client<T> {
     }
 
     fn ask(&mut self, command: Value) -> Value {
-        self.say(command);
+        self.send(command);
         self.hear().0
     }
 
@@ -134,7 +134,7 @@ impl<T: Read + Write> Client<T> {
             even += usize::from(is_even);
         }
         assert!(even > 20, "{even}");
-        self.say(json!({"cmd": "stop_streaming"}));
+        self.send(json!({"cmd": "stop_streaming"}));
         while self.hear().0["status"] != "stop" {}
     }
 }
@@ -261,7 +261,7 @@ fn an_unplugged_board_comes_back_under_its_name() {
 fn places_that_cannot_be_served_are_refused() {
     let folder = Folder::new("serve_refused");
     folder.write("taken", "a file");
-    for (arguments, says) in [
+    for (arguments, message) in [
         ("--serve tcp:0.0.0.0:6110", "0.0.0.0:6110 can be reached from other computers: use 127.0.0.1"),
         ("--serve tcp:localhost", "is not an address to serve a board at: write pty:PATH, or tcp:"),
         ("--serve udp:1", "is not an address to serve a board at"),
@@ -284,7 +284,7 @@ fn places_that_cannot_be_served_are_refused() {
         ("--serve pty:board --motion approach-chair", "needs a chair to walk up to"),
         ("--out x.mcap --board xm125", "--board is for serving"),
     ] {
-        folder.run(&format!("simulate nothing {arguments}")).fails_with(says);
+        folder.run(&format!("simulate nothing {arguments}")).fails_with(message);
     }
     assert_eq!(folder.read("taken"), b"a file");
     assert!(std::fs::symlink_metadata(folder.path("board")).is_err() && !folder.path("x.mcap").exists());

@@ -34,11 +34,11 @@ fn view_pictures_have_content_and_do_not_change_results() {
     let folder = Folder::new("view-shots");
     recorded(&folder);
     folder.run("replay room.mcap --out plain").succeeds();
-    let looked = drawn(&folder, "replay room.mcap --view --view-shot shots --out looked");
+    let shown = drawn(&folder, "replay room.mcap --view --view-shot shots --out looked");
     assert_eq!(folder.read("looked/obstacles.json"), folder.read("plain/obstacles.json"));
     for name in SHOTS {
         let path = format!("shots/{name}");
-        assert!(looked.out.contains(name), "{looked:#?}");
+        assert!(shown.out.contains(name), "{shown:#?}");
         assert!(colors(&folder, &path) >= 100, "{name} has few colours");
         assert!(folder.read(&path).len() <= 400_000, "{name}: {} bytes", folder.read(&path).len());
     }

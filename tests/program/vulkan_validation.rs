@@ -27,7 +27,7 @@ const MANIFESTS: [&str; 2] = ["/usr/share/vulkan/explicit_layer.d", "/etc/vulkan
 /// A box, an obstacle of unknown direction, and a wall.
 fn scene() -> Scene {
     let shape = (0..500).map(|i| (DVec3::new((i % 5).into(), (i / 5 % 20).into(), (i / 100).into()) * 0.05, 1.0));
-    let block = Obstacle {
+    let obstacle = Obstacle {
         id: 1,
         position_m: DVec3::new(0.1, 0.5, -0.8),
         covariance_m2: DMat3::IDENTITY * 1e-4,
@@ -44,7 +44,7 @@ fn scene() -> Scene {
         position_m: DVec3::new(-0.9, 0.9, 0.2),
         observed: Observed::RangeOnly,
         shape: vec![],
-        ..block.clone()
+        ..obstacle.clone()
     };
     let wall = Wall {
         id: 1,
@@ -55,7 +55,7 @@ fn scene() -> Scene {
         first_seen_ns: 0,
         last_seen_ns: 0,
     };
-    Scene { time_ns: 0, obstacles: vec![block, unknown], walls: vec![wall], moving: vec![] }
+    Scene { time_ns: 0, obstacles: vec![obstacle, unknown], walls: vec![wall], moving: vec![] }
 }
 
 fn device() -> VulkanDevice {
@@ -222,9 +222,9 @@ fn validation_layer_reports_nothing() {
     let folder = std::env::temp_dir().join(format!("radar-chaperone-validation-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let watched = layer_messages_during("everything_but_the_hand_over", &folder);
-    let said = layer_messages_during("everything", &folder);
+    let messages = layer_messages_during("everything", &folder);
     std::fs::remove_dir_all(&folder).unwrap();
     // The first work is wrong on purpose; with no message, the processes did not run it either.
     assert!(watched.contains("TRANSFER_SRC_OPTIMAL"), "the layer is not active: {watched:?}");
-    assert!(said.trim().is_empty(), "{said}");
+    assert!(messages.trim().is_empty(), "{messages}");
 }

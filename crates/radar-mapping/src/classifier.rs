@@ -165,7 +165,7 @@ mod tests {
     use crate::clean::Aspect;
 
     /// Detection of a chair's back in a known room.
-    fn thing() -> Detection<DVec3> {
+    fn object() -> Detection<DVec3> {
         Detection {
             estimate: DVec3::new(0.3, 0.8, -1.2),
             score: 14.0,
@@ -209,26 +209,26 @@ mod tests {
         Surroundings { history: HistorySummary { log_odds, sigma_m: 0.1, significant: 0 }, ..AROUND }
     }
 
-    fn odds(thing: &Detection<DVec3>, around: &Surroundings) -> f64 {
-        log_odds(&features(thing, around))
+    fn odds(object: &Detection<DVec3>, around: &Surroundings) -> f64 {
+        log_odds(&features(object, around))
     }
 
     #[test]
     fn object_scores_higher_than_artefact() {
-        let chair = odds(&thing(), &AROUND);
-        let aspect = Aspect { beam: 0.2, ..thing().aspect };
-        let lone = Detection { score: 4.0, robust_score: 1.0, amplitude_spread: 0.9, ambiguity: 0.95, ..thing() };
+        let chair = odds(&object(), &AROUND);
+        let aspect = Aspect { beam: 0.2, ..object().aspect };
+        let lone = Detection { score: 4.0, robust_score: 1.0, amplitude_spread: 0.9, ambiguity: 0.95, ..object() };
         let artefact = Detection { ln_clutter: 2.0, miss_fraction: 0.4, aspect, ..lone };
         let nothing_before = odds(&artefact, &against(-5.0));
         assert!(chair > 1.0 && nothing_before < -1.0, "{chair} {nothing_before}");
-        for worse in [odds(&artefact, &AROUND), odds(&thing(), &against(-8.0))] {
+        for worse in [odds(&artefact, &AROUND), odds(&object(), &against(-8.0))] {
             assert!(worse < chair, "{worse} {chair}");
         }
     }
 
     #[test]
     fn outstanding_detection_gets_certain_log_odds_unless_at_surface() {
-        let hanging = Detection { score: 20.0, robust_score: 15.0, sigma_m: 0.03, ..thing() };
+        let hanging = Detection { score: 20.0, robust_score: 15.0, sigma_m: 0.03, ..object() };
         assert_eq!(raise_if_certain(-1.0, &hanging, false), CERTAIN_LOG_ODDS);
         assert_eq!(raise_if_certain(5.0, &hanging, false), 5.0);
         assert_eq!(raise_if_certain(-1.0, &hanging, true), -1.0, "a wall's reflection is as strong");
@@ -252,6 +252,8 @@ mod tests {
             recent_updates: 0,
             ..AROUND
         };
-        assert!(odds(&Detection { score: f64::NAN, robust_score: f64::NEG_INFINITY, ..thing() }, &nowhere).is_finite());
+        assert!(
+            odds(&Detection { score: f64::NAN, robust_score: f64::NEG_INFINITY, ..object() }, &nowhere).is_finite()
+        );
     }
 }

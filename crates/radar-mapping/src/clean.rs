@@ -134,7 +134,7 @@ pub struct Detection<T> {
     /// Share of the unmasked sub-apertures whose response is not significant.
     pub miss_fraction: f64,
     /// The highest score of a point elsewhere that the same echoes would support, relative to its
-    /// own score. At 1 the two cannot be told apart.
+    /// own score. At 1 the two cannot be distinguished.
     pub ambiguity: f64,
     /// Geometry and strength at which it was seen.
     pub aspect: Aspect,
@@ -149,12 +149,12 @@ pub struct Detection<T> {
 
 /// The sub-apertures of a window and what is masked in each.
 pub struct CleanWindow<'a> {
-    blocks: Vec<&'a Subaperture>,
+    subapertures: Vec<&'a Subaperture>,
     weights: Vec<f64>,
     /// `[sub-aperture]`
     masks: Vec<Vec<Mask>>,
     settings: &'a CleanSettings,
-    block_settings: &'a SubapertureSettings,
+    subaperture_settings: &'a SubapertureSettings,
     beam: &'a Beam,
     min_cos: f64,
     plane_min_cos: f64,
@@ -193,23 +193,23 @@ pub struct Detections {
 }
 
 impl<'a> CleanWindow<'a> {
-    /// A window in which only the wearer's tracked hands are masked. `blocks`: in rising time.
+    /// A window in which only the wearer's tracked hands are masked. `subapertures`: in rising time.
     pub fn new(
-        blocks: impl Iterator<Item = &'a Subaperture>,
+        subapertures: impl Iterator<Item = &'a Subaperture>,
         hands: &HandTrail,
         settings: &'a CleanSettings,
-        block_settings: &'a SubapertureSettings,
+        subaperture_settings: &'a SubapertureSettings,
         beam: &'a Beam,
         cache: &'a mut ResponseCache,
     ) -> Self {
-        let (min_cos, plane_min_cos) = (block_settings.min_cos(beam), block_settings.plane_min_cos(beam));
-        let blocks: Vec<_> = blocks.collect();
-        let newest_ns = blocks.last().map_or(0, |b| b.mid_time_ns);
+        let (min_cos, plane_min_cos) = (subaperture_settings.min_cos(beam), subaperture_settings.plane_min_cos(beam));
+        let subapertures: Vec<_> = subapertures.collect();
+        let newest_ns = subapertures.last().map_or(0, |b| b.mid_time_ns);
         let age_s = |b: &&Subaperture| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
-        let weights = blocks.iter().map(|b| math::exp(-age_s(b) / block_settings.decay_s)).collect();
-        cache.begin_update(&blocks);
-        let masks = blocks.iter().map(|block| hand_masks(block, hands)).collect();
-        Self { masks, weights, blocks, settings, block_settings, beam, min_cos, plane_min_cos, cache }
+        let weights = subapertures.iter().map(|b| math::exp(-age_s(b) / subaperture_settings.decay_s)).collect();
+        cache.begin_update(&subapertures);
+        let masks = subapertures.iter().map(|subaperture| hand_masks(subaperture, hands)).collect();
+        Self { masks, weights, subapertures, settings, subaperture_settings, beam, min_cos, plane_min_cos, cache }
     }
 
     /// Detects points alone.
@@ -238,7 +238,7 @@ impl<'a> CleanWindow<'a> {
             .map(|plane| self.masked_candidate(Hypothesis::Plane(*plane), self.plane_responses(plane)));
         let mut open: Vec<Candidate> = of_planes.collect();
         let of_places = places.iter().enumerate();
-        open.extend(of_places.map(|(n, place)| Candidate { query_index: Some(n), ..self.point_candidate(*place) }));
+        open.extend(of_places.map(|(n, point)| Candidate { query_index: Some(n), ..self.point_candidate(*point) }));
         let mut detections = Detections { responses: vec![Vec::new(); places.len()], ..Detections::default() };
         while let Some(mut best) = self.take_best(&mut open, &mut detections.responses) {
             match best.hypothesis {
@@ -257,9 +257,9 @@ impl<'a> CleanWindow<'a> {
                     let sigma_m = self.plane_sigma_m(&best.responses);
                     detections.planes.push(Detection { observable: is_plane, sigma_m, ..seen });
                 }
-                Hypothesis::Point(place) => {
+                Hypothesis::Point(point) => {
                     let covariance_m2 = self.covariance_m2(&best.responses);
-                    detections.places.push(self.detection(place, unmasked, Some(covariance_m2), &best, &open));
+                    detections.places.push(self.detection(point, unmasked, Some(covariance_m2), &best, &open));
                     detections.query_indices.extend(best.query_index);
                 }
             }
@@ -278,19 +278,19 @@ impl<'a> CleanWindow<'a> {
     }
 
     /// The candidate at a queried point.
-    fn point_candidate(&self, place: DVec3) -> Candidate {
-        let responses = self.cache.cached(place).iter().map(|cached| cached.flatten()).collect();
-        self.masked_candidate(Hypothesis::Point(place), responses)
+    fn point_candidate(&self, point: DVec3) -> Candidate {
+        let responses = self.cache.cached(point).iter().map(|cached| cached.flatten()).collect();
+        self.masked_candidate(Hypothesis::Point(point), responses)
     }
 
     /// The score of a queried point; −∞ when too few sub-apertures are unmasked.
-    fn score_of_point(&self, place: DVec3) -> f64 {
+    fn score_of_point(&self, point: DVec3) -> f64 {
         let unmasked = |(cached, masks): (&'_ CachedResponse, &Vec<Mask>)| -> Option<Response> {
             let is_masked = |v: &Response| masks.iter().any(|mask| mask.covers(v.range_m, v.cos));
             cached.flatten().filter(|response| !is_masked(response))
         };
-        let responses: Vec<Option<Response>> = self.cache.cached(place).iter().zip(&self.masks).map(unmasked).collect();
-        let unmasked = self.unmasked_score(Hypothesis::Point(place), responses.iter().map(Option::as_ref));
+        let responses: Vec<Option<Response>> = self.cache.cached(point).iter().zip(&self.masks).map(unmasked).collect();
+        let unmasked = self.unmasked_score(Hypothesis::Point(point), responses.iter().map(Option::as_ref));
         unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score)
     }
 
@@ -303,21 +303,21 @@ impl<'a> CleanWindow<'a> {
         if score < CLIMB_FROM_SCORE {
             return;
         }
-        let unit_m = self.block_settings.voxel_m * CLIMB_UNIT;
-        let place = |at: IVec3| start + at.as_dvec3() * unit_m;
+        let unit_m = self.subaperture_settings.voxel_m * CLIMB_UNIT;
+        let point = |at: IVec3| start + at.as_dvec3() * unit_m;
         let (mut here, mut step) = (IVec3::ZERO, CLIMB_UNITS);
         while step > 0 {
             let around = (0..27).filter(|n| *n != 13).map(|n| here + (IVec3::new(n % 3, n / 3 % 3, n / 9) - 1) * step);
-            let near: Vec<IVec3> = around.filter(|at| place(*at).distance(start) <= CLIMB_REACH_M).collect();
-            self.query(&near.iter().map(|at| place(*at)).collect::<Vec<_>>());
-            let scores = near.iter().map(|at| (*at, self.score_of_point(place(*at))));
+            let near: Vec<IVec3> = around.filter(|at| point(*at).distance(start) <= CLIMB_REACH_M).collect();
+            self.query(&near.iter().map(|at| point(*at)).collect::<Vec<_>>());
+            let scores = near.iter().map(|at| (*at, self.score_of_point(point(*at))));
             match scores.max_by(|a, b| a.1.total_cmp(&b.1)) {
                 Some((at, best)) if best > score => (here, score) = (at, best),
                 _ => step /= 2,
             }
         }
         if here != IVec3::ZERO {
-            *candidate = Candidate { query_index: candidate.query_index, ..self.point_candidate(place(here)) };
+            *candidate = Candidate { query_index: candidate.query_index, ..self.point_candidate(point(here)) };
         }
     }
 
@@ -358,9 +358,9 @@ impl<'a> CleanWindow<'a> {
         &'v self,
         responses: impl Iterator<Item = Option<&'v Response>>,
     ) -> impl Iterator<Item = WeightedResponse<'v>> {
-        let blocks = self.blocks.iter().zip(&self.weights);
-        responses.zip(blocks).filter_map(|(response, (block, &weight))| {
-            Some(WeightedResponse { response: response?, weight, time_ns: block.mid_time_ns })
+        let subapertures = self.subapertures.iter().zip(&self.weights);
+        responses.zip(subapertures).filter_map(|(response, (subaperture, &weight))| {
+            Some(WeightedResponse { response: response?, weight, time_ns: subaperture.mid_time_ns })
         })
     }
 
@@ -398,7 +398,7 @@ impl<'a> CleanWindow<'a> {
     /// The highest score of a point elsewhere that would lose more than half of it to this
     /// candidate's masks; 0 when there is none.
     fn ambiguity(&self, best: &Candidate, open: &[Candidate]) -> f64 {
-        let Hypothesis::Point(place) = best.hypothesis else { return 0.0 };
+        let Hypothesis::Point(point) = best.hypothesis else { return 0.0 };
         let masks = self.masks_of(best);
         let after = |candidate: &Candidate| {
             let unmasked = candidate.responses.iter().zip(&masks).map(|(response, mask)| {
@@ -411,7 +411,7 @@ impl<'a> CleanWindow<'a> {
             let (Hypothesis::Point(other), Some(unmasked)) = (candidate.hypothesis, candidate.unmasked) else {
                 continue;
             };
-            let may_be = unmasked.score > greatest && other.distance(place) >= MIN_AMBIGUITY_DISTANCE_M;
+            let may_be = unmasked.score > greatest && other.distance(point) >= MIN_AMBIGUITY_DISTANCE_M;
             if may_be && after(candidate) < 0.5 * unmasked.score {
                 greatest = unmasked.score;
             }
@@ -426,14 +426,14 @@ impl<'a> CleanWindow<'a> {
         places: &[DVec3],
         unmasked: &[Vec<Option<Response>>],
     ) -> Vec<Vec<Option<Likelihood>>> {
-        let of_point = |(place, unmasked): (&DVec3, &Vec<Option<Response>>)| {
-            let of_block = |(cached, unmasked): (&CachedResponse, &Option<Response>)| match (unmasked, cached.flatten())
-            {
-                (Some(response), _) => Some(Likelihood { response: *response, is_masked: false }),
-                (None, Some(response)) => Some(Likelihood { response, is_masked: true }),
-                (None, None) => None,
-            };
-            self.cache.cached(*place).iter().zip(unmasked).map(of_block).collect()
+        let of_point = |(point, unmasked): (&DVec3, &Vec<Option<Response>>)| {
+            let of_subaperture =
+                |(cached, unmasked): (&CachedResponse, &Option<Response>)| match (unmasked, cached.flatten()) {
+                    (Some(response), _) => Some(Likelihood { response: *response, is_masked: false }),
+                    (None, Some(response)) => Some(Likelihood { response, is_masked: true }),
+                    (None, None) => None,
+                };
+            self.cache.cached(*point).iter().zip(unmasked).map(of_subaperture).collect()
         };
         places.iter().zip(unmasked).map(of_point).collect()
     }
@@ -443,7 +443,11 @@ impl<'a> CleanWindow<'a> {
         &'v self,
         responses: &'v [Option<Response>],
     ) -> impl Iterator<Item = (&'a Subaperture, &'v Response)> {
-        let seen = self.blocks.iter().zip(responses).filter_map(|(block, response)| Some((*block, response.as_ref()?)));
+        let seen = self
+            .subapertures
+            .iter()
+            .zip(responses)
+            .filter_map(|(subaperture, response)| Some((*subaperture, response.as_ref()?)));
         seen.filter(|(_, response)| response.is_significant())
     }
 
@@ -455,30 +459,36 @@ impl<'a> CleanWindow<'a> {
     /// Queries the sub-apertures for points; masked points count as not queried.
     fn query(&mut self, places: &[DVec3]) {
         let mut cache = std::mem::take(self.cache);
-        cache.query(places, |block, places| self.subaperture_responses(block, places));
+        cache.query(places, |subaperture, places| self.subaperture_responses(subaperture, places));
         *self.cache = cache;
     }
 
     fn subaperture_responses(&self, b: usize, places: &[DVec3]) -> Vec<CachedResponse> {
-        let (block, masks) = (self.blocks[b], &self.masks[b]);
-        let settings = self.block_settings.within(&block.geometry().axis);
-        let origin = block.middle.translation;
+        let (subaperture, masks) = (self.subapertures[b], &self.masks[b]);
+        let settings = self.subaperture_settings.within(&subaperture.geometry().axis);
+        let origin = subaperture.middle.translation;
         let mut cached = vec![Some(None); places.len()];
         let (mut seen, mut relative) = (Vec::new(), Vec::new());
-        for (n, &place) in places.iter().enumerate() {
-            if !settings.sees(&block.middle, self.min_cos, place) {
+        for (n, &point) in places.iter().enumerate() {
+            if !settings.sees(&subaperture.middle, self.min_cos, point) {
                 continue;
             }
-            let (range_m, toward, cos) = range_and_direction(block, place);
+            let (range_m, toward, cos) = range_and_direction(subaperture, point);
             if masks.iter().any(|mask| mask.covers(range_m, cos)) {
                 cached[n] = None;
                 continue;
             }
             seen.push((n, range_m, toward));
-            relative.push((place - origin).as_vec3().to_array());
+            relative.push((point - origin).as_vec3().to_array());
         }
-        for ((n, range_m, toward), coherence) in seen.into_iter().zip(block.coherence_at_points(&relative)) {
-            cached[n] = Some(Some(Response::new((&block.middle, block.motion), coherence, range_m, toward, self.beam)));
+        for ((n, range_m, toward), coherence) in seen.into_iter().zip(subaperture.coherence_at_points(&relative)) {
+            cached[n] = Some(Some(Response::new(
+                (&subaperture.middle, subaperture.motion),
+                coherence,
+                range_m,
+                toward,
+                self.beam,
+            )));
         }
         cached
     }
@@ -495,10 +505,10 @@ impl Candidate {
 
 /// Range of a point, the direction towards it, and the cosine of that direction to the sensor's
 /// motion.
-fn range_and_direction(block: &Subaperture, place: DVec3) -> (f64, DVec3, f64) {
-    let range_m = block.distance_m(place);
-    let toward = (place - block.middle.translation) / range_m.max(1e-9);
-    (range_m, toward, toward.dot(block.motion))
+fn range_and_direction(subaperture: &Subaperture, point: DVec3) -> (f64, DVec3, f64) {
+    let range_m = subaperture.distance_m(point);
+    let toward = (point - subaperture.middle.translation) / range_m.max(1e-9);
+    (range_m, toward, toward.dot(subaperture.motion))
 }
 
 /// Points with at least this score are moved uphill before they mask. `CLIMB_REACH_M` is the
@@ -543,12 +553,12 @@ mod tests {
         echoes: &[(Echo, f64)],
         explain: impl Fn(&mut CleanWindow) -> Detections,
     ) -> Detections {
-        let (settings, block_settings) = (CleanSettings::default(), SubapertureSettings::default());
-        let mut builder = SubapertureBuilder::new(block_settings);
-        let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
+        let (settings, subaperture_settings) = (CleanSettings::default(), SubapertureSettings::default());
+        let mut builder = SubapertureBuilder::new(subaperture_settings);
+        let subapertures: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
         let mut cache = ResponseCache::default();
         let mut window =
-            CleanWindow::new(blocks.iter(), hands, &settings, &block_settings, &Beam::Lensless, &mut cache);
+            CleanWindow::new(subapertures.iter(), hands, &settings, &subaperture_settings, &Beam::Lensless, &mut cache);
         explain(&mut window)
     }
 
@@ -557,8 +567,8 @@ mod tests {
         let beside = STRONG + DVec3::new(0.0, 0.03, 0.0);
         let echoes = [(Echo::Point(STRONG), 4.0), (Echo::Point(WEAK), 0.7)];
         let found = detected(winding, &echoes, &[], &[WEAK, beside, STRONG, DVec3::new(0.3, -0.4, -0.8)]).places;
-        let things: Vec<_> = found.iter().map(|e| e.estimate).collect();
-        assert_eq!(things, [STRONG, WEAK], "{found:?}");
+        let estimates: Vec<_> = found.iter().map(|e| e.estimate).collect();
+        assert_eq!(estimates, [STRONG, WEAK], "{found:?}");
         assert!(found.iter().all(|e| e.observable && e.score > 6.0), "{found:?}");
         let alone = on_one_thread(|| detected(winding, &echoes, &[], &[WEAK, STRONG]).places);
         assert_eq!(alone, found);
@@ -615,13 +625,13 @@ mod tests {
     #[test]
     fn tracked_hand_and_forearm_are_masked_and_object_behind_is_found() {
         let (palm, elbow) = (DVec3::new(0.1, -0.3, -0.5), DVec3::new(0.15, -0.3, -0.3));
-        let echoes = [palm, elbow, STRONG].map(|place| (Echo::Point(place), 4.0));
+        let echoes = [palm, elbow, STRONG].map(|point| (Echo::Point(point), 4.0));
         let detections = |hand: Option<DVec3>| {
             let mut hands = HandTrail::default();
             (0..450).for_each(|n| hands.push(n * 10_000_000, [hand, None], None));
             let explain = |window: &mut CleanWindow| window.detect(&[], &[palm, elbow, STRONG]);
             let places = detected_with_hands(&hands, winding, &echoes, explain).places;
-            places.into_iter().map(|place| place.estimate).collect::<Vec<_>>()
+            places.into_iter().map(|point| point.estimate).collect::<Vec<_>>()
         };
         assert_eq!((detections(None).len(), detections(Some(palm))), (3, vec![STRONG]));
     }
@@ -635,17 +645,17 @@ mod tests {
 
     #[test]
     fn response_cache_does_not_change_results() {
-        let (settings, block_settings) = (CleanSettings::default(), SubapertureSettings::default());
-        let mut builder = SubapertureBuilder::new(block_settings);
+        let (settings, subaperture_settings) = (CleanSettings::default(), SubapertureSettings::default());
+        let mut builder = SubapertureBuilder::new(subaperture_settings);
         let observations = sweeps(2.5, winding, &[(Echo::Point(STRONG), 2.0), (Echo::Point(WEAK), 1.0)], 4);
-        let blocks: Vec<_> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
+        let subapertures: Vec<_> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
         let places = [STRONG, WEAK, DVec3::new(0.3, -0.4, -0.8)];
-        let look = |range: std::ops::Range<usize>, cache: &mut ResponseCache, places: &[DVec3]| {
+        let detect_in = |range: std::ops::Range<usize>, cache: &mut ResponseCache, places: &[DVec3]| {
             CleanWindow::new(
-                blocks[range].iter(),
+                subapertures[range].iter(),
                 &HandTrail::default(),
                 &settings,
-                &block_settings,
+                &subaperture_settings,
                 &Beam::Lensless,
                 cache,
             )
@@ -654,14 +664,14 @@ mod tests {
         let mut cache = ResponseCache::default();
         // Sub-apertures and points both come and go.
         for (range, places) in [(0..12, &places[..]), (3..15, &places[1..]), (3..18, &places), (9..24, &places)] {
-            let found = look(range.clone(), &mut cache, places);
-            assert_eq!(found, look(range, &mut ResponseCache::default(), places));
+            let found = detect_in(range.clone(), &mut cache, places);
+            assert_eq!(found, detect_in(range, &mut ResponseCache::default(), places));
         }
         // The hill climb queries points around those given; most of them stay cached between
         // updates.
         let fresh = |range: std::ops::Range<usize>, places: &[DVec3]| {
             let mut cache = ResponseCache::default();
-            look(range, &mut cache, places);
+            detect_in(range, &mut cache, places);
             cache.misses
         };
         let afresh = fresh(0..12, &places) + fresh(3..15, &places[1..]) + fresh(3..18, &places) + fresh(9..24, &places);
@@ -672,13 +682,13 @@ mod tests {
     fn noise_and_empty_window_give_no_detections() {
         let detections = detected(winding, &[], &[WALL], &[STRONG, WEAK]);
         assert!(detections.planes.is_empty() && detections.places.is_empty(), "{detections:?}");
-        let (settings, blocks) = (CleanSettings::default(), SubapertureSettings::default());
+        let (settings, subapertures) = (CleanSettings::default(), SubapertureSettings::default());
         assert!(
             CleanWindow::new(
                 [].iter(),
                 &HandTrail::default(),
                 &settings,
-                &blocks,
+                &subapertures,
                 &Beam::Lensless,
                 &mut ResponseCache::default()
             )

@@ -1,4 +1,4 @@
-//! Inputs of the mapper, and the one place where separate streams become one in order of time.
+//! Inputs of the mapper, and how separate streams become one in order of time.
 
 use a121::Frame;
 use glam::DVec3;

@@ -15,14 +15,14 @@ impl Evidence {
     /// The `most` highest of these. Equal scores are ordered by position. Non-finite ones are
     /// dropped.
     pub fn strongest(voxel_m: f64, mut voxels: Vec<(DVec3, f32)>, most: usize) -> Self {
-        voxels.retain(|(place, score)| place.is_finite() && score.is_finite());
+        voxels.retain(|(point, score)| point.is_finite() && score.is_finite());
         let order = |a: &(DVec3, f32), b: &(DVec3, f32)| {
-            let place = a.0.x.total_cmp(&b.0.x).then(a.0.y.total_cmp(&b.0.y)).then(a.0.z.total_cmp(&b.0.z));
-            b.1.total_cmp(&a.1).then(place)
+            let by_position = a.0.x.total_cmp(&b.0.x).then(a.0.y.total_cmp(&b.0.y)).then(a.0.z.total_cmp(&b.0.z));
+            b.1.total_cmp(&a.1).then(by_position)
         };
         voxels.sort_unstable_by(order);
         voxels.truncate(most);
-        Self { voxel_m, voxels: voxels.into_iter().map(|(place, score)| (place.as_vec3(), score)).collect() }
+        Self { voxel_m, voxels: voxels.into_iter().map(|(point, score)| (point.as_vec3(), score)).collect() }
     }
 }
 

@@ -193,10 +193,10 @@ impl Existence {
         settings: &ExistenceSettings,
     ) {
         let since_ns = self.newest_ns;
-        for (block, likelihood) in likelihoods.filter(|(block, _)| block.mid_time_ns > since_ns) {
-            self.newest_ns = self.newest_ns.max(block.mid_time_ns);
+        for (subaperture, likelihood) in likelihoods.filter(|(subaperture, _)| subaperture.mid_time_ns > since_ns) {
+            self.newest_ns = self.newest_ns.max(subaperture.mid_time_ns);
             if self.apply(&likelihood, settings) > 0.0 {
-                self.last_support_ns = block.mid_time_ns;
+                self.last_support_ns = subaperture.mid_time_ns;
             }
         }
     }

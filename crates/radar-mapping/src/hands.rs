@@ -71,9 +71,9 @@ impl HandTrail {
     }
 
     /// Whether a hand was within this distance of a point since a time.
-    pub fn came_near(&self, place: DVec3, within_m: f64, since_ns: i64) -> bool {
+    pub fn came_near(&self, point: DVec3, within_m: f64, since_ns: i64) -> bool {
         let recent = self.0.iter().rev().take_while(|(at_ns, _)| *at_ns >= since_ns);
-        recent.flat_map(|(_, hands_m)| hands_m).flatten().any(|hand| hand.distance(place) < within_m)
+        recent.flat_map(|(_, hands_m)| hands_m).flatten().any(|hand| hand.distance(point) < within_m)
     }
 
     /// Positions at a time.

@@ -48,7 +48,7 @@ pub(super) struct HistoryEvidence {
 /// Sub-apertures that have left the window.
 #[derive(Debug, Default)]
 pub(super) struct History {
-    blocks: VecDeque<PointSubaperture>,
+    subapertures: VecDeque<PointSubaperture>,
     received: u64,
     /// Positions of removed objects, and the time of the newest sub-aperture known at the removal.
     removed: VecDeque<(DVec3, i64)>,
@@ -56,51 +56,53 @@ pub(super) struct History {
 
 impl History {
     /// Adds a sub-aperture that leaves the window.
-    pub fn push(&mut self, block: &Subaperture) {
+    pub fn push(&mut self, subaperture: &Subaperture) {
         self.received += 1;
         if !self.received.is_multiple_of(KEEP_EVERY) {
             return;
         }
         // Reuses the memory of the oldest, as freeing it among live data would fragment the heap.
-        let oldest = if self.blocks.len() == MAX_SUBAPERTURES { self.blocks.pop_front() } else { None };
-        self.blocks.push_back(PointSubaperture::of(block, oldest));
-        let from_ns = self.blocks.front().map_or(i64::MAX, PointSubaperture::mid_time_ns);
+        let oldest = if self.subapertures.len() == MAX_SUBAPERTURES { self.subapertures.pop_front() } else { None };
+        self.subapertures.push_back(PointSubaperture::of(subaperture, oldest));
+        let from_ns = self.subapertures.front().map_or(i64::MAX, PointSubaperture::mid_time_ns);
         self.removed.retain(|(_, until_ns)| *until_ns >= from_ns);
     }
 
     /// Records that the object at a point was removed. Sub-apertures up to then are ignored for
     /// that point.
-    pub fn mark_removed(&mut self, place: DVec3, until_ns: i64) {
-        self.removed.push_back((place, until_ns));
+    pub fn mark_removed(&mut self, point: DVec3, until_ns: i64) {
+        self.removed.push_back((point, until_ns));
     }
 
     /// The history's evidence for an object at a point, of the strength that the window's responses
     /// imply.
     pub fn evidence_at(
         &self,
-        place: DVec3,
+        point: DVec3,
         responses: &[Option<Response>],
         (settings, min_cos): (&SubapertureSettings, f64),
         beam: &Beam,
     ) -> HistoryEvidence {
         let mut evidence = HistoryEvidence { log_odds: 0.0, significant: 0, information: DMat3::ZERO };
         let Some(strength) = strength(responses) else { return evidence };
-        let sees =
-            |block: &&PointSubaperture| settings.within(&block.geometry().axis).sees(block.middle(), min_cos, place);
-        let near = self.removed.iter().filter(|(removed, _)| removed.distance(place) <= REMOVED_RADIUS_M);
+        let sees = |subaperture: &&PointSubaperture| {
+            settings.within(&subaperture.geometry().axis).sees(subaperture.middle(), min_cos, point)
+        };
+        let near = self.removed.iter().filter(|(removed, _)| removed.distance(point) <= REMOVED_RADIUS_M);
         let gone_ns = near.map(|(_, until_ns)| *until_ns).max().unwrap_or(i64::MIN);
-        let since = self.blocks.iter().rev().take_while(|block| block.mid_time_ns() > gone_ns);
+        let since = self.subapertures.iter().rev().take_while(|subaperture| subaperture.mid_time_ns() > gone_ns);
         let that_see_it = since.filter(sees).take(MAX_QUERIED);
-        for block in that_see_it {
-            let range_m = block.distance_m(place);
-            let toward = (place - block.middle().translation) / range_m.max(1e-9);
-            let seen_from = (block.middle(), block.motion());
-            let response = Response::new(seen_from, block.coherence_at(place), range_m, toward, beam);
+        for subaperture in that_see_it {
+            let range_m = subaperture.distance_m(point);
+            let toward = (point - subaperture.middle().translation) / range_m.max(1e-9);
+            let seen_from = (subaperture.middle(), subaperture.motion());
+            let response = Response::new(seen_from, subaperture.coherence_at(point), range_m, toward, beam);
             evidence.log_odds += math::ln(P_DETECT * response.likelihood_ratio(strength) + 1.0 - P_DETECT)
                 .min(MAX_LOG_ODDS_PER_SUBAPERTURE);
             if response.is_significant() {
                 evidence.significant += 1;
-                evidence.information += response.information(block.motion(), block.geometry(), block.aperture_m());
+                evidence.information +=
+                    response.information(subaperture.motion(), subaperture.geometry(), subaperture.aperture_m());
             }
         }
         evidence
@@ -123,35 +125,36 @@ mod tests {
     const THING: DVec3 = DVec3::new(0.2, 0.1, -1.2);
     const NOTHING: DVec3 = DVec3::new(-0.4, -0.1, -1.4);
 
-    fn blocks(duration_s: f64, echoes: &[(Echo, f64)]) -> Vec<Subaperture> {
+    fn subapertures(duration_s: f64, echoes: &[(Echo, f64)]) -> Vec<Subaperture> {
         let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
         sweeps(duration_s, winding, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect()
     }
 
-    fn view_of_thing(block: &Subaperture) -> Option<Response> {
-        let range_m = block.distance_m(THING);
-        let toward = (THING - block.middle.translation) / range_m;
-        let coherence = PointSubaperture::of(block, None).coherence_at(THING);
-        Some(Response::new((&block.middle, block.motion), coherence, range_m, toward, &Beam::Lensless))
+    fn view_of_thing(subaperture: &Subaperture) -> Option<Response> {
+        let range_m = subaperture.distance_m(THING);
+        let toward = (THING - subaperture.middle.translation) / range_m;
+        let coherence = PointSubaperture::of(subaperture, None).coherence_at(THING);
+        Some(Response::new((&subaperture.middle, subaperture.motion), coherence, range_m, toward, &Beam::Lensless))
     }
 
     /// Log odds that these sub-apertures, having left the window, give to an object of the strength
     /// of `THING` at a point.
-    fn log_odds(place: DVec3, left: Vec<Subaperture>) -> f64 {
+    fn log_odds(point: DVec3, left: Vec<Subaperture>) -> f64 {
         let (settings, beam, mut past) = (SubapertureSettings::default(), Beam::Lensless, History::default());
-        let responses: Vec<_> = blocks(2.0, &SEEN).iter().map(view_of_thing).collect();
-        left.iter().for_each(|block| past.push(block));
-        assert!(past.blocks.len() <= MAX_SUBAPERTURES);
-        past.evidence_at(place, &responses, (&settings, settings.min_cos(&beam)), &beam).log_odds
+        let responses: Vec<_> = subapertures(2.0, &SEEN).iter().map(view_of_thing).collect();
+        left.iter().for_each(|subaperture| past.push(subaperture));
+        assert!(past.subapertures.len() <= MAX_SUBAPERTURES);
+        past.evidence_at(point, &responses, (&settings, settings.min_cos(&beam)), &beam).log_odds
     }
 
     const SEEN: [(Echo, f64); 1] = [(Echo::Point(THING), 2.0)];
 
     #[test]
     fn history_supports_old_object_and_opposes_new_one() {
-        let (thing, nothing) = (log_odds(THING, blocks(3.0, &SEEN)), log_odds(NOTHING, blocks(3.0, &SEEN)));
-        assert!(thing > 5.0 && nothing < -4.0, "{thing} {nothing}");
-        let behind = log_odds(DVec3::new(0.0, 0.0, 1.5), blocks(3.0, &SEEN));
+        let (present, absent) =
+            (log_odds(THING, subapertures(3.0, &SEEN)), log_odds(NOTHING, subapertures(3.0, &SEEN)));
+        assert!(present > 5.0 && absent < -4.0, "{present} {absent}");
+        let behind = log_odds(DVec3::new(0.0, 0.0, 1.5), subapertures(3.0, &SEEN));
         assert_eq!(behind, 0.0, "never in the beam");
         assert_eq!(
             History::default()
@@ -163,16 +166,16 @@ mod tests {
 
     #[test]
     fn new_object_overcomes_history_within_seconds() {
-        let after = |seconds: f64| log_odds(THING, [blocks(20.0, &[]), blocks(seconds, &SEEN)].concat());
+        let after = |seconds: f64| log_odds(THING, [subapertures(20.0, &[]), subapertures(seconds, &SEEN)].concat());
         assert!(after(0.3) < -4.0 && after(3.0) > 0.0, "{} {}", after(0.3), after(3.0));
     }
 
     #[test]
     fn history_before_removal_is_ignored() {
         let (settings, beam, mut past) = (SubapertureSettings::default(), Beam::Lensless, History::default());
-        let left = blocks(3.0, &SEEN);
+        let left = subapertures(3.0, &SEEN);
         let responses: Vec<_> = left.iter().map(view_of_thing).collect();
-        left.iter().for_each(|block| past.push(block));
+        left.iter().for_each(|subaperture| past.push(subaperture));
         let evidence =
             |past: &History| past.evidence_at(THING, &responses, (&settings, settings.min_cos(&beam)), &beam);
         let before = evidence(&past);
@@ -191,11 +194,11 @@ mod tests {
 
     #[test]
     fn point_subaperture_equals_subaperture() {
-        for block in blocks(0.5, &SEEN) {
-            let relative = (THING - block.middle.translation).as_vec3().to_array();
-            let said = block.coherence_at_points(&[relative])[0];
-            let other = PointSubaperture::of(&blocks(0.3, &[])[0], None);
-            assert_eq!(PointSubaperture::of(&block, Some(other)).coherence_at(THING), said);
+        for subaperture in subapertures(0.5, &SEEN) {
+            let relative = (THING - subaperture.middle.translation).as_vec3().to_array();
+            let direct = subaperture.coherence_at_points(&[relative])[0];
+            let other = PointSubaperture::of(&subapertures(0.3, &[])[0], None);
+            assert_eq!(PointSubaperture::of(&subaperture, Some(other)).coherence_at(THING), direct);
         }
     }
 }

@@ -38,7 +38,7 @@ use track::{Association, MtiTrack, candidate_speeds};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MtiSettings {
-    /// Whether moving targets are looked for.
+    /// Whether moving targets are detected.
     pub enabled: bool,
     /// Share of sub-apertures in which noise may make a moving echo.
     pub alarms_per_subaperture: f64,
@@ -188,14 +188,14 @@ impl MovingTargetTracker {
     }
 
     /// Adds a sub-aperture, in rising time. `hands_reach_m`: how far untracked hands reach, metres.
-    pub fn push(&mut self, block: &Subaperture, hands: &HandTrail, hands_reach_m: f64) {
+    pub fn push(&mut self, subaperture: &Subaperture, hands: &HandTrail, hands_reach_m: f64) {
         if self.settings.enabled {
-            let reach_m = hand_reach_m(block, hands, hands_reach_m);
-            let mut movers = self.mti_filter.detect(block);
+            let reach_m = hand_reach_m(subaperture, hands, hands_reach_m);
+            let mut movers = self.mti_filter.detect(subaperture);
             if let Some(movers) = &mut movers {
-                movers.echoes.retain(|echo| !is_from_hand(echo, block, hands));
+                movers.echoes.retain(|echo| !is_from_hand(echo, subaperture, hands));
             }
-            self.advance(&block.middle, block.mid_time_ns, movers.as_ref(), reach_m);
+            self.advance(&subaperture.middle, subaperture.mid_time_ns, movers.as_ref(), reach_m);
         }
     }
 
@@ -309,16 +309,17 @@ impl MovingTargetTracker {
 }
 
 /// Range within which no track may begin: the reach of the hands, tracked or not.
-fn hand_reach_m(block: &Subaperture, hands: &HandTrail, hands_reach_m: f64) -> f64 {
-    let hands = hands.at(block.mid_time_ns);
-    let reach_m = |hand: Option<DVec3>| hand.map_or(hands_reach_m, |hand| hand_ranges_m(block.distance_m(hand)).end);
+fn hand_reach_m(subaperture: &Subaperture, hands: &HandTrail, hands_reach_m: f64) -> f64 {
+    let hands = hands.at(subaperture.mid_time_ns);
+    let reach_m =
+        |hand: Option<DVec3>| hand.map_or(hands_reach_m, |hand| hand_ranges_m(subaperture.distance_m(hand)).end);
     hands.into_iter().map(reach_m).fold(0.0, f64::max)
 }
 
 /// Whether a tracked hand or its forearm accounts for the echo.
-fn is_from_hand(echo: &MtiEcho, block: &Subaperture, hands: &HandTrail) -> bool {
-    let mut tracked = hands.at(block.mid_time_ns).into_iter().flatten();
-    tracked.any(|hand| hand_ranges_m(block.distance_m(hand)).contains(&echo.range_m))
+fn is_from_hand(echo: &MtiEcho, subaperture: &Subaperture, hands: &HandTrail) -> bool {
+    let mut tracked = hands.at(subaperture.mid_time_ns).into_iter().flatten();
+    tracked.any(|hand| hand_ranges_m(subaperture.distance_m(hand)).contains(&echo.range_m))
 }
 
 /// 1σ of an echo's direction about the boresight in either axis, weighted by the beam's power.
@@ -361,13 +362,17 @@ mod tests {
     }
 
     /// Confirmed targets after each of so many sub-apertures.
-    fn targets_after_each(blocks: i64, reach_m: f64, movers: impl Fn(f64) -> MtiResult) -> Vec<Vec<MovingTarget>> {
+    fn targets_after_each(
+        subapertures: i64,
+        reach_m: f64,
+        movers: impl Fn(f64) -> MtiResult,
+    ) -> Vec<Vec<MovingTarget>> {
         let mut tracks = tracks();
         let step = |n: i64| {
             tracks.advance(&Pose::IDENTITY, n * STEP_NS, Some(&movers(n as f64 * 0.09)), reach_m);
             tracks.targets()
         };
-        (0..blocks).map(step).collect()
+        (0..subapertures).map(step).collect()
     }
 
     #[test]
@@ -435,8 +440,8 @@ mod tests {
         let covariance = one.covariance_m2();
         assert!(covariance.z_axis.z.sqrt() < 0.15 && covariance.x_axis.x.sqrt() > 0.25 * one.range_m, "{covariance}");
         assert!((one.position_m() - DVec3::NEG_Z * one.range_m).length() < 1e-12);
-        for place in one.arc_m() {
-            assert!((place.length() - one.range_m).abs() < 1e-9 && place.y.abs() < 1e-9);
+        for point in one.arc_m() {
+            assert!((point.length() - one.range_m).abs() < 1e-9 && point.y.abs() < 1e-9);
         }
         assert!(one.place_m(0.3, 0.0).x > 0.0 && one.place_m(0.0, 0.3).y > 0.0);
         let turned = one.moved(&Pose::new(DVec3::Y, DQuat::from_rotation_y(1.0)));
@@ -450,22 +455,22 @@ mod tests {
         DVec3::new(0.1 * (1.1 * time_s).sin(), 0.02 * (2.3 * time_s).sin(), 0.06 * (1.7 * time_s).cos())
     }
 
-    /// Furniture and a wall, and a person whose middle is at `place` while it is `Some`.
-    fn room(duration_s: f64, place: impl Fn(f64) -> Option<DVec3>, seed: u64) -> Vec<Observation> {
+    /// Furniture and a wall, and a person whose middle is at `middle_m` while it is `Some`.
+    fn room(duration_s: f64, middle_m: impl Fn(f64) -> Option<DVec3>, seed: u64) -> Vec<Observation> {
         let wall = radar_sar::geometry::Plane { outward: DVec3::NEG_Z, offset_m: 2.6 };
-        let things = [(0.5, -0.4, -1.1, 20.0), (-0.6, 0.2, -1.5, 12.0), (0.1, -0.8, -1.9, 8.0)];
-        let mut still = things.map(|(x, y, z, snr)| (Echo::Point(DVec3::new(x, y, z)), snr)).to_vec();
+        let points = [(0.5, -0.4, -1.1, 20.0), (-0.6, 0.2, -1.5, 12.0), (0.1, -0.8, -1.9, 8.0)];
+        let mut still = points.map(|(x, y, z, snr)| (Echo::Point(DVec3::new(x, y, z)), snr)).to_vec();
         still.push((Echo::Plane(wall), 30.0));
         let mut all = sweeps(duration_s, head, &still, seed);
         for (part, snr) in [(DVec3::ZERO, 1.0), (DVec3::new(0.15, 0.1, 0.05), 0.7), (DVec3::new(-0.1, -0.6, -0.1), 0.6)]
         {
             // Relative to the part, the head moves the other way.
-            let from = |t: f64| head(t) - place(t).unwrap_or(DVec3::splat(1e3)) - part;
+            let from = |t: f64| head(t) - middle_m(t).unwrap_or(DVec3::splat(1e3)) - part;
             let moving = sweeps(duration_s, from, &[(Echo::Point(DVec3::ZERO), snr)], seed + 7);
             let samples = all
                 .iter_mut()
                 .zip(moving)
-                .filter(|(one, _)| place((one.mid_time_ns - 1_000_000_000) as f64 * 1e-9).is_some());
+                .filter(|(one, _)| middle_m((one.mid_time_ns - 1_000_000_000) as f64 * 1e-9).is_some());
             samples.for_each(|(one, more)| one.samples.iter_mut().zip(more.samples).for_each(|(a, b)| *a += b));
         }
         all
@@ -474,24 +479,24 @@ mod tests {
     /// Time and confirmed targets after each sub-aperture.
     fn timed_targets(observations: Vec<Observation>) -> Vec<(f64, Vec<MovingTarget>)> {
         let (mut builder, mut tracks) = (SubapertureBuilder::new(SubapertureSettings::default()), tracks());
-        let blocks: Vec<Subaperture> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
-        let watch = |block: &Subaperture| {
-            tracks.push(block, &HandTrail::default(), 0.9);
-            ((block.end_ns - 1_000_000_000) as f64 * 1e-9, tracks.targets())
+        let subapertures: Vec<Subaperture> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
+        let watch = |subaperture: &Subaperture| {
+            tracks.push(subaperture, &HandTrail::default(), 0.9);
+            ((subaperture.end_ns - 1_000_000_000) as f64 * 1e-9, tracks.targets())
         };
-        blocks.iter().map(watch).collect()
+        subapertures.iter().map(watch).collect()
     }
 
     #[test]
     fn person_crossing_at_two_metres_is_reported_within_one_second() {
-        let place = |t: f64| (1.0..4.0).contains(&t).then(|| DVec3::new(t - 2.5, 0.0, -2.0));
+        let middle_m = |t: f64| (1.0..4.0).contains(&t).then(|| DVec3::new(t - 2.5, 0.0, -2.0));
         for seed in [1, 2, 3] {
-            let shown = timed_targets(room(6.0, place, seed));
+            let shown = timed_targets(room(6.0, middle_m, seed));
             let first_s = shown.iter().find(|(_, moving)| !moving.is_empty()).map(|(time_s, _)| *time_s);
             assert!(first_s.is_some_and(|time_s| (1.0..=2.0).contains(&time_s)), "{first_s:?}");
             for (time_s, moving) in shown.iter().filter(|(time_s, _)| (first_s.unwrap()..4.0).contains(time_s)) {
                 for one in moving {
-                    let range_m = place(*time_s - 0.045).unwrap().distance(one.seen_from.translation);
+                    let range_m = middle_m(*time_s - 0.045).unwrap().distance(one.seen_from.translation);
                     assert!((one.range_m - range_m).abs() < 0.2, "{time_s}: {range_m} {one:?}");
                 }
             }

@@ -2,7 +2,7 @@
 //!
 //! A frame waits until the poses around its sweeps have arrived: half the smoothing window past its
 //! end, or less by the settings. Each sweep then gets the sensor's pose at its own time: pose time
-//! = sweep time + time offset. A frame that waits behind 256 others uses the poses at hand. Frames
+//! = sweep time + time offset. A frame that waits behind 256 others uses the poses known so far. Frames
 //! without any pose are counted.
 
 use std::collections::VecDeque;
@@ -72,7 +72,7 @@ pub struct ObserverCounters {
     pub poses_time_leapt: u64,
     /// Frames skipped: saturated samples.
     pub frames_saturated: u64,
-    /// Frames skipped: not as long as the configuration says.
+    /// Frames skipped: not as long as configured.
     pub frames_wrong_length: u64,
     /// Frames skipped: not later than the one before.
     pub frames_time_not_rising: u64,

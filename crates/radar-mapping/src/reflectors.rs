@@ -95,19 +95,19 @@ pub fn find_reflectors(
     let mut power = RangePower::new(&chosen, beam, settings.min_range_m);
     let mut search = RangePower::new(&searched, beam, settings.min_range_m);
     let grid = Volume { values: Vec::new(), ..Volume::covering(region, settings.voxel_m) };
-    let places: Vec<DVec3> = (0..grid.size.iter().product()).map(|n| grid.center(grid.voxel(n))).collect();
-    let unclaimed: Vec<usize> = search.excess_at(&places).iter().map(|&(_, count)| count).collect();
+    let points: Vec<DVec3> = (0..grid.size.iter().product()).map(|n| grid.center(grid.voxel(n))).collect();
+    let unclaimed: Vec<usize> = search.excess_at(&points).iter().map(|&(_, count)| count).collect();
     let mut found: Vec<Obstacle> = Vec::new();
     while found.len() < settings.max_reflectors {
-        let excess = search.excess_at(&places);
+        let excess = search.excess_at(&points);
         let enough = |n: usize| {
             let (sum, count) = excess[n];
             count >= MIN_SWEEPS
                 && count as f64 >= MIN_UNCLAIMED_SHARE * unclaimed[n] as f64
                 && sum >= settings.threshold_sigma * (count as f64).sqrt()
         };
-        let best = (0..places.len()).filter(|&n| enough(n)).max_by(|&a, &b| excess[a].0.total_cmp(&excess[b].0));
-        let Some((start, refined)) = best.and_then(|n| Some((n, refine(&power, places[n], None, errors)?))) else {
+        let best = (0..points.len()).filter(|&n| enough(n)).max_by(|&a, &b| excess[a].0.total_cmp(&excess[b].0));
+        let Some((start, refined)) = best.and_then(|n| Some((n, refine(&power, points[n], None, errors)?))) else {
             break;
         };
         let (sum, count) = power.excess(refined.position_m);
@@ -119,7 +119,7 @@ pub fn find_reflectors(
         let parts = pair.map_or(vec![refined], Vec::from);
         // Masked in any case: the search must go on elsewhere. It ends when nothing is left to
         // mask.
-        let left_before = search.excess(places[start]).1;
+        let left_before = search.excess(points[start]).1;
         for part in &parts {
             if stands && found.len() < settings.max_reflectors {
                 found.push(obstacle(found.len() as u64 + 1, part, evidence, &chosen));
@@ -127,7 +127,7 @@ pub fn find_reflectors(
             search.mask_point(part.position_m);
             power.mask_point(part.position_m);
         }
-        if !stands && (evidence < strongest * DYNAMIC_RANGE || search.excess(places[start]).1 == left_before) {
+        if !stands && (evidence < strongest * DYNAMIC_RANGE || search.excess(points[start]).1 == left_before) {
             break;
         }
     }
@@ -147,9 +147,9 @@ pub fn reflector_evidence(
     let chosen = choose(observations, settings.search_sweeps);
     let search = RangePower::new(&chosen, beam, settings.min_range_m);
     let grid = Volume { values: Vec::new(), ..Volume::covering(region, settings.voxel_m) };
-    let places: Vec<DVec3> = (0..grid.size.iter().product()).map(|n| grid.center(grid.voxel(n))).collect();
-    let scores = search.excess_at(&places).into_iter().map(|(sum, count)| (sum / (count.max(1) as f64).sqrt()) as f32);
-    let mut voxels: Vec<(DVec3, f32)> = places.into_iter().zip(scores).collect();
+    let points: Vec<DVec3> = (0..grid.size.iter().product()).map(|n| grid.center(grid.voxel(n))).collect();
+    let scores = search.excess_at(&points).into_iter().map(|(sum, count)| (sum / (count.max(1) as f64).sqrt()) as f32);
+    let mut voxels: Vec<(DVec3, f32)> = points.into_iter().zip(scores).collect();
     let greatest = voxels.iter().map(|voxel| voxel.1).fold(0.0, f32::max);
     voxels.retain(|voxel| voxel.1 >= (0.5 * greatest).max(settings.threshold_sigma as f32));
     Evidence::strongest(settings.voxel_m, voxels, most)

@@ -13,7 +13,7 @@ pub struct Accepted {
 /// [`ObserverCounters`](super::ObserverCounters).
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Refusal {
-    /// The frame is not as long as the configuration says.
+    /// The frame is not as long as configured.
     #[error("frame has {samples} samples, the configuration gives {expected}")]
     FrameLength {
         /// Samples in the frame.

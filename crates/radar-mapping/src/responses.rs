@@ -111,8 +111,8 @@ pub(super) fn information<'v>(
     known: DMat3,
     significant: impl Iterator<Item = (&'v Subaperture, &'v Response)>,
 ) -> DMat3 {
-    let of_view = |(block, response): (&Subaperture, &Response)| {
-        response.information(block.motion, block.geometry(), block.aperture_m)
+    let of_view = |(subaperture, response): (&Subaperture, &Response)| {
+        response.information(subaperture.motion, subaperture.geometry(), subaperture.aperture_m)
     };
     significant.map(of_view).fold(known, |sum, one| sum + one)
 }
@@ -140,7 +140,7 @@ struct Row {
 /// The cached responses to all points.
 #[derive(Debug, Default)]
 pub struct ResponseCache {
-    /// The sub-apertures at hand, in time, and the number of the first one. They leave at the front
+    /// The sub-apertures of the window, in time, and the number of the first one. They leave at the front
     /// and come at the back.
     keys: VecDeque<SubapertureKey>,
     first: u64,
@@ -152,14 +152,15 @@ pub struct ResponseCache {
 }
 
 /// A point as a key.
-fn key(place: DVec3) -> [u64; 3] {
-    place.to_array().map(f64::to_bits)
+fn key(point: DVec3) -> [u64; 3] {
+    point.to_array().map(f64::to_bits)
 }
 
 impl ResponseCache {
     /// Begins an update with these sub-apertures, in time.
-    pub(super) fn begin_update(&mut self, blocks: &[&Subaperture]) {
-        let names: VecDeque<SubapertureKey> = blocks.iter().map(|b| (b.mid_time_ns, b.geometry().subsweep)).collect();
+    pub(super) fn begin_update(&mut self, subapertures: &[&Subaperture]) {
+        let names: VecDeque<SubapertureKey> =
+            subapertures.iter().map(|b| (b.mid_time_ns, b.geometry().subsweep)).collect();
         let gone = self.keys.iter().take_while(|name| names.front() != Some(name)).count();
         let stay = self.keys.len() - gone;
         if self.keys.range(gone..).ne(names.range(..stay.min(names.len()))) {
@@ -174,33 +175,33 @@ impl ResponseCache {
     }
 
     /// Responses to a point, one for each sub-aperture; empty before [`Self::query`].
-    pub(super) fn cached(&self, place: DVec3) -> &[CachedResponse] {
-        self.rows.get(&key(place)).map_or(&[], |row| &row.cached)
+    pub(super) fn cached(&self, point: DVec3) -> &[CachedResponse] {
+        self.rows.get(&key(point)).map_or(&[], |row| &row.cached)
     }
 
     /// Queries all sub-apertures for all points. The function evaluates some points in one
     /// sub-aperture, given by its index in the window.
-    pub(super) fn query(&mut self, places: &[DVec3], evaluate: impl Fn(usize, &[DVec3]) -> Vec<CachedResponse> + Sync) {
-        let mut rows: Vec<Row> = places.iter().map(|&place| self.take_row(place)).collect();
+    pub(super) fn query(&mut self, points: &[DVec3], evaluate: impl Fn(usize, &[DVec3]) -> Vec<CachedResponse> + Sync) {
+        let mut rows: Vec<Row> = points.iter().map(|&point| self.take_row(point)).collect();
         let missing: Vec<Vec<usize>> = (0..self.keys.len())
-            .map(|block| (0..rows.len()).filter(|&n| rows[n].cached[block].is_none()).collect())
+            .map(|index| (0..rows.len()).filter(|&n| rows[n].cached[index].is_none()).collect())
             .collect();
-        let query = |(block, missing): (usize, &Vec<usize>)| match missing.is_empty() {
+        let query = |(index, missing): (usize, &Vec<usize>)| match missing.is_empty() {
             true => Vec::new(),
-            false => evaluate(block, &missing.iter().map(|&n| places[n]).collect::<Vec<_>>()),
+            false => evaluate(index, &missing.iter().map(|&n| points[n]).collect::<Vec<_>>()),
         };
         let answers: Vec<Vec<CachedResponse>> = missing.par_iter().enumerate().map(query).collect();
         self.hits += (rows.len() * missing.len() - missing.iter().map(Vec::len).sum::<usize>()) as u64;
-        for (block, (missing, cached)) in missing.iter().zip(answers).enumerate() {
+        for (index, (missing, cached)) in missing.iter().zip(answers).enumerate() {
             self.misses += cached.iter().flatten().count() as u64;
-            missing.iter().zip(cached).for_each(|(&n, cached)| rows[n].cached[block] = cached);
+            missing.iter().zip(cached).for_each(|(&n, cached)| rows[n].cached[index] = cached);
         }
-        self.rows.extend(places.iter().map(|place| key(*place)).zip(rows));
+        self.rows.extend(points.iter().map(|point| key(*point)).zip(rows));
     }
 
-    /// The row of a point, resized to the sub-apertures at hand.
-    fn take_row(&mut self, place: DVec3) -> Row {
-        let mut row = self.rows.remove(&key(place)).unwrap_or_default();
+    /// The row of a point, resized to the sub-apertures of the window.
+    fn take_row(&mut self, point: DVec3) -> Row {
+        let mut row = self.rows.remove(&key(point)).unwrap_or_default();
         let gone = self.first.saturating_sub(row.first).min(row.cached.len() as u64);
         row.cached.drain(..gone as usize);
         row.cached.resize(self.keys.len(), None);

@@ -125,7 +125,7 @@ impl SavedMap {
         if places > MAX_PLACES || walls > MAX_WALLS {
             return Err(SavedMapError::TooMany { places, walls });
         }
-        check_ids(self.places.iter().map(|place| place.id))?;
+        check_ids(self.places.iter().map(|point| point.id))?;
         check_ids(self.walls.iter().map(|wall| wall.id))?;
         self.places.iter().try_for_each(SavedPoint::check)?;
         self.walls.iter().try_for_each(SavedWall::check)
@@ -135,14 +135,14 @@ impl SavedMap {
     /// coordinates.
     pub fn moved(&self, to_from: &Pose) -> Self {
         Self {
-            places: self.places.iter().map(|place| place.moved(to_from)).collect(),
+            places: self.places.iter().map(|point| point.moved(to_from)).collect(),
             walls: self.walls.iter().map(|wall| wall.moved(to_from)).collect(),
         }
     }
 
     /// The same by another clock, on which all times are later by this.
     pub fn later_by_ns(mut self, by_ns: i64) -> Self {
-        let places = self.places.iter_mut().map(|place| [&mut place.first_ns, &mut place.last_ns]);
+        let places = self.places.iter_mut().map(|point| [&mut point.first_ns, &mut point.last_ns]);
         let walls = self.walls.iter_mut().map(|wall| [&mut wall.first_ns, &mut wall.last_ns]);
         places.chain(walls).flatten().for_each(|time_ns| *time_ns = time_ns.saturating_add(by_ns));
         self
@@ -153,7 +153,7 @@ impl SavedPoint {
     fn check(&self) -> Result<(), SavedMapError> {
         let columns = [self.covariance_m2.x_axis, self.covariance_m2.y_axis, self.covariance_m2.z_axis];
         let variances = self.covariance_m2.to_cols_array_2d();
-        let is_shape = |(place, score): &(DVec3, f32)| is_position(*place) && is_strength(f64::from(*score));
+        let is_shape = |(point, score): &(DVec3, f32)| is_position(*point) && is_strength(f64::from(*score));
         let sound = [
             ("the position", is_position(self.position_m)),
             ("the covariance", columns.into_iter().all(is_position) && (0..3).all(|n| variances[n][n] >= 0.0)),
@@ -176,7 +176,7 @@ impl SavedPoint {
             position_m: to_from.transform_point(self.position_m),
             covariance_m2: turn * self.covariance_m2 * turn.transpose(),
             strengths,
-            shape: self.shape.iter().map(|(place, score)| (to_from.transform_point(*place), *score)).collect(),
+            shape: self.shape.iter().map(|(point, score)| (to_from.transform_point(*point), *score)).collect(),
             ..self.clone()
         }
     }
@@ -220,8 +220,8 @@ fn check_all(id: u64, sound: &[(&'static str, bool)]) -> Result<(), SavedMapErro
     }
 }
 
-fn is_position(place: DVec3) -> bool {
-    place.is_finite() && place.abs().max_element() <= MAX_COORDINATE_M
+fn is_position(point: DVec3) -> bool {
+    point.is_finite() && point.abs().max_element() <= MAX_COORDINATE_M
 }
 
 fn is_strength(value: f64) -> bool {
@@ -237,7 +237,7 @@ pub(super) mod tests {
         let mut strengths = [0.0; AZIMUTH_SECTORS];
         strengths[3] = 40.0;
         let position_m = DVec3::new(0.5, 0.4, -1.0);
-        let place = SavedPoint {
+        let point = SavedPoint {
             id: 3,
             position_m,
             covariance_m2: DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4)),
@@ -255,7 +255,7 @@ pub(super) mod tests {
             first_ns: 5,
             last_ns: 6,
         };
-        SavedMap { places: vec![place], walls: vec![wall] }
+        SavedMap { places: vec![point], walls: vec![wall] }
     }
 
     #[test]
@@ -265,10 +265,10 @@ pub(super) mod tests {
         let (before, there) = (some(), some().moved(&to_from));
         assert_ne!(there.places[0].strengths, before.places[0].strengths, "sectors rotate too");
         let back = there.moved(&to_from.inverse());
-        let (place, wall) = (&back.places[0], &back.walls[0]);
-        assert_eq!(place.strengths, before.places[0].strengths);
-        assert!((place.position_m - before.places[0].position_m).length() < 1e-12);
-        assert!((place.covariance_m2 - before.places[0].covariance_m2).x_axis.length() < 1e-15);
+        let (point, wall) = (&back.places[0], &back.walls[0]);
+        assert_eq!(point.strengths, before.places[0].strengths);
+        assert!((point.position_m - before.places[0].position_m).length() < 1e-12);
+        assert!((point.covariance_m2 - before.places[0].covariance_m2).x_axis.length() < 1e-15);
         assert!((wall.plane.outward - DVec3::NEG_Z).length() < 1e-12 && (wall.plane.offset_m - 2.0).abs() < 1e-12);
         assert!((wall.seen_at.min - before.walls[0].seen_at.min).length() < 1e-12);
     }
@@ -298,11 +298,11 @@ pub(super) mod tests {
             (|r| r.walls[0].plane.outward = DVec3::ONE, "the plane of 2"),
             (|r| r.walls = vec![r.walls[0].clone(); MAX_WALLS + 1], "201 walls"),
         ];
-        for (spoil, says) in spoils {
+        for (spoil, message) in spoils {
             let mut spoilt = some();
             spoil(&mut spoilt);
             let error = spoilt.check().unwrap_err().to_string();
-            assert!(error.contains(says), "{error}");
+            assert!(error.contains(message), "{error}");
         }
     }
 

@@ -109,8 +109,8 @@ impl Obstacle {
 
     /// From a point to the nearest point that belongs to it, metres.
     pub fn distance_m(&self, from: DVec3) -> f64 {
-        let places = self.shape.iter().map(|voxel| voxel.0).chain([self.position_m]);
-        places.map(|place| place.distance(from)).fold(f64::INFINITY, f64::min)
+        let points = self.shape.iter().map(|voxel| voxel.0).chain([self.position_m]);
+        points.map(|point| point.distance(from)).fold(f64::INFINITY, f64::min)
     }
 
     fn moved(&self, to_from: &Pose) -> Self {
@@ -119,7 +119,7 @@ impl Obstacle {
             position_m: to_from.transform_point(self.position_m),
             covariance_m2: turn * self.covariance_m2 * turn.transpose(),
             extent_m: turn.abs() * self.extent_m,
-            shape: self.shape.iter().map(|(place, score)| (to_from.transform_point(*place), *score)).collect(),
+            shape: self.shape.iter().map(|(point, score)| (to_from.transform_point(*point), *score)).collect(),
             ..self.clone()
         }
     }

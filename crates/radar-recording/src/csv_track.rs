@@ -148,15 +148,15 @@ fn column_of_name(name: &str) -> Option<(usize, f64)> {
             return Some((4 + axis, 1.0));
         }
     }
-    let (place, unit) = [("_mm", 1e-3), ("_cm", 1e-2), ("_m", 1.0)]
+    let (axis_name, unit) = [("_mm", 1e-3), ("_cm", 1e-2), ("_m", 1.0)]
         .into_iter()
         .find_map(|(suffix, unit)| Some((name.strip_suffix(suffix)?, unit)))
         .unwrap_or((&name, 1.0));
-    let place = ["position_", "pos_", "translation_", "t", "p", ""].iter().find_map(|before| {
-        let axis = place.strip_prefix(before)?;
+    let position_axis = ["position_", "pos_", "translation_", "t", "p", ""].iter().find_map(|before| {
+        let axis = axis_name.strip_prefix(before)?;
         ["x", "y", "z"].iter().position(|a| *a == axis)
     });
-    place.map(|axis| (1 + axis, unit))
+    position_axis.map(|axis| (1 + axis, unit))
 }
 
 #[cfg(test)]

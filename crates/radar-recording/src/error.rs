@@ -1,4 +1,4 @@
-//! Errors of recordings and imports. Each message says what happened and what to do.
+//! Errors of recordings and imports. Each message states what happened and what to do.
 
 use std::path::PathBuf;
 

@@ -21,11 +21,11 @@ pub(super) fn mount_transform(time_ns: i64, head_from_sensor: &Pose) -> FrameTra
 }
 
 /// Position of a hand; its rotation is not recorded.
-pub(super) fn hand_pose(time_ns: i64, place_m: DVec3) -> PoseInFrame {
+pub(super) fn hand_pose(time_ns: i64, position_m: DVec3) -> PoseInFrame {
     PoseInFrame {
         timestamp: Some(timestamp(time_ns)),
         frame_id: TRACKING.to_owned(),
-        pose: Some(foxglove_pose(&Pose::from_translation(place_m))),
+        pose: Some(foxglove_pose(&Pose::from_translation(position_m))),
     }
 }
 

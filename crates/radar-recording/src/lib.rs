@@ -5,7 +5,7 @@
 //! a report of the rest. It is not a general MCAP library: it reads recordings of its own format
 //! only.
 //!
-//! - [`RecordingWriter`] writes events, [`Recording`] iterates over them, [`Damage`] says what could
+//! - [`RecordingWriter`] writes events, [`Recording`] iterates over them, [`Damage`] states what could
 //!   not be read, [`RecordingSummary`] what a file holds.
 //! - [`ResultsWriter`] adds what a mapper found.
 //! - [`import_h5`], [`read_track`]: data of others. [`MapFolder`]: maps of rooms, by universe.

@@ -273,7 +273,7 @@ mod tests {
     }
 
     fn map(universe: u64) -> MapFile {
-        let place = SavedPoint {
+        let point = SavedPoint {
             id: 3,
             position_m: DVec3::new(0.1 + 0.2, 1.0 / 3.0, -1e-17),
             covariance_m2: DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4)),
@@ -292,7 +292,7 @@ mod tests {
             last_ns: -4,
         };
         let standing_from_raw = Pose::new(DVec3::new(0.3, -0.05, 0.2), DQuat::from_rotation_y(0.5));
-        MapFile::new(universe, 1.7e9, standing_from_raw, SavedMap { places: vec![place], walls: vec![wall] })
+        MapFile::new(universe, 1.7e9, standing_from_raw, SavedMap { places: vec![point], walls: vec![wall] })
     }
 
     #[test]
@@ -357,11 +357,11 @@ mod tests {
             (text.replace("\"score\":8.7", "\"score\":1e999"), "is not a map"),
             (" ".repeat(MAX_BYTES as usize + 1), "longer than a map"),
         ];
-        for (spoilt, says) in spoilt {
+        for (spoilt, message) in spoilt {
             assert_ne!(spoilt, text);
             fs::write(maps.file(7), spoilt).unwrap();
             let error = maps.load(7).unwrap_err().to_string();
-            assert!(error.contains(says), "{error}, not {says}");
+            assert!(error.contains(message), "{error}, not {message}");
         }
         let mut flipped = text.clone().into_bytes();
         for at in (0..flipped.len()).step_by(3) {

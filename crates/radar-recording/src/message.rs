@@ -122,7 +122,7 @@ pub(super) fn decode_pose(bytes: &[u8]) -> Result<PoseSample, String> {
 /// Encodes hands; a position that is not finite counts as not tracked.
 pub(super) fn encode_hands(hands: &HandsSample) -> Vec<u8> {
     let numbers =
-        |hand: Option<DVec3>| hand.filter(|place| place.is_finite()).map_or(vec![], |p| p.to_array().to_vec());
+        |hand: Option<DVec3>| hand.filter(|position| position.is_finite()).map_or(vec![], |p| p.to_array().to_vec());
     let [left_m, right_m] = hands.hands_m.map(numbers);
     wire::TrackedHands { time_ns: hands.time_ns, left_m, right_m }.encode_to_vec()
 }
@@ -131,10 +131,10 @@ pub(super) fn encode_hands(hands: &HandsSample) -> Vec<u8> {
 pub(super) fn decode_hands(bytes: &[u8]) -> Result<HandsSample, String> {
     let message =
         wire::TrackedHands::decode(bytes).map_err(|error| format!("hands are not a protobuf message ({error})"))?;
-    let place = |numbers: &[f64]| match numbers {
+    let position = |numbers: &[f64]| match numbers {
         [] => Ok(None),
         &[x, y, z] if [x, y, z].iter().all(|v| v.is_finite()) => Ok(Some(DVec3::new(x, y, z))),
         _ => Err(format!("a hand has the position {numbers:?}, not three numbers or none")),
     };
-    Ok(HandsSample { time_ns: message.time_ns, hands_m: [place(&message.left_m)?, place(&message.right_m)?] })
+    Ok(HandsSample { time_ns: message.time_ns, hands_m: [position(&message.left_m)?, position(&message.right_m)?] })
 }

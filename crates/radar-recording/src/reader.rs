@@ -75,7 +75,7 @@ impl Recording {
     /// Opens a file and reads its header.
     ///
     /// # Errors
-    /// Not a file, not a recording, or an invalid header; each message says what to do.
+    /// Not a file, not a recording, or an invalid header; each message states what to do.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref().to_owned();
         let io_error = |doing| {

@@ -166,8 +166,8 @@ impl RecordingSummary {
     /// Counts hands.
     pub fn push_hands(&mut self, hands: &HandsSample) {
         self.hands.push(hands.time_ns);
-        for (count, place_m) in self.hands_tracked.iter_mut().zip(hands.hands_m) {
-            *count += u64::from(place_m.is_some_and(|place_m| place_m.is_finite()));
+        for (count, position_m) in self.hands_tracked.iter_mut().zip(hands.hands_m) {
+            *count += u64::from(position_m.is_some_and(|position_m| position_m.is_finite()));
         }
     }
 

@@ -173,9 +173,9 @@ impl RecordingWriter {
             }
         };
         self.output.message(both, hands.time_ns, &encode_hands(hands))?;
-        for (channel, place_m) in each.iter_mut().zip(hands.hands_m) {
-            if let Some(place_m) = place_m.filter(|place_m| place_m.is_finite()) {
-                self.output.foxglove(channel, hands.time_ns, &hand_pose(hands.time_ns, place_m))?;
+        for (channel, position_m) in each.iter_mut().zip(hands.hands_m) {
+            if let Some(position_m) = position_m.filter(|position_m| position_m.is_finite()) {
+                self.output.foxglove(channel, hands.time_ns, &hand_pose(hands.time_ns, position_m))?;
             }
         }
         Ok(())

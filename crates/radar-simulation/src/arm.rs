@@ -50,11 +50,12 @@ pub(super) fn raster(time_s: f64) -> Pose {
     let rows = 2 * (ROWS - 1);
     let at = time_s.max(0.0) / step_s;
     let (row, within_s) = (at.floor(), at.fract() * step_s);
-    let place = |n: f64| {
+    let coordinate_m = |n: f64| {
         let n = n.rem_euclid(rows as f64);
         n.min(rows as f64 - n)
     };
-    let [this, next] = [place(row), place(row + 1.0)].map(|row| (row - 0.5 * (ROWS - 1) as f64) * ROW_SPACING_M);
+    let [this, next] =
+        [coordinate_m(row), coordinate_m(row + 1.0)].map(|row| (row - 0.5 * (ROWS - 1) as f64) * ROW_SPACING_M);
     let up = this + (next - this) * smoothstep((within_s - ROW_S) / ROW_CHANGE_S);
     let side = if row.rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
     let along = side * ROW_M * (smoothstep(within_s / ROW_S) - 0.5);
@@ -84,9 +85,9 @@ mod tests {
 
     #[test]
     fn raster_is_planar_and_continuous() {
-        let places: Vec<DVec3> = (0..2500).map(|n| raster(f64::from(n) * 0.01).translation).collect();
-        assert!(places.windows(2).all(|pair| pair[0].distance(pair[1]) < 0.012));
-        let reach = |axis: fn(&DVec3) -> f64| places.iter().map(axis).fold(0.0, f64::max);
+        let positions: Vec<DVec3> = (0..2500).map(|n| raster(f64::from(n) * 0.01).translation).collect();
+        assert!(positions.windows(2).all(|pair| pair[0].distance(pair[1]) < 0.012));
+        let reach = |axis: fn(&DVec3) -> f64| positions.iter().map(axis).fold(0.0, f64::max);
         assert!(
             (reach(|p| p.x) - 0.25).abs() < 1e-6 && (reach(|p| p.y) - 0.25).abs() < 1e-6 && reach(|p| p.z.abs()) == 0.0
         );

@@ -54,7 +54,7 @@ impl Draw {
         }
     }
 
-    pub fn thing(&mut self, name: &str, center: DVec3, points: &[(DVec3, f64)]) -> SceneObject {
+    pub fn object(&mut self, name: &str, center: DVec3, points: &[(DVec3, f64)]) -> SceneObject {
         let scatterers = points.iter().map(|&(at, rcs)| self.point(at, center, rcs)).collect();
         SceneObject { name: name.into(), scatterers }
     }
@@ -76,7 +76,7 @@ pub(super) fn chair(draw: &mut Draw, name: &str, foot: DVec3, yaw: f64, rcs: Cha
     for x in [-0.18, 0.18] {
         points.push((placed(foot, yaw, x, 0.88, 0.22), rcs.back));
     }
-    draw.thing(name, placed(foot, yaw, 0.0, 0.4, 0.0), &points)
+    draw.object(name, placed(foot, yaw, 0.0, 0.4, 0.0), &points)
 }
 
 /// A metal clothes hanger with its hook at `hook`: bar, shoulders, hook.
@@ -91,7 +91,7 @@ pub(super) fn clothes_hanger(draw: &mut Draw, hook: DVec3, yaw: f64) -> SceneObj
         (at(0.2, -0.15), -15.0),
         (at(0.0, -0.15), -19.0),
     ];
-    draw.thing("clothes hanger", at(0.0, -0.1), &points)
+    draw.object("clothes hanger", at(0.0, -0.1), &points)
 }
 
 pub(super) fn table(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
@@ -100,7 +100,7 @@ pub(super) fn table(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
         points.push((placed(foot, yaw, x, 0.74, z), -19.0));
         points.push((placed(foot, yaw, x * 0.9, 0.05, z * 0.9), -22.0));
     }
-    draw.thing("table", placed(foot, yaw, 0.0, 0.5, 0.0), &points)
+    draw.object("table", placed(foot, yaw, 0.0, 0.5, 0.0), &points)
 }
 
 pub(super) fn shelf(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
@@ -110,7 +110,7 @@ pub(super) fn shelf(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
             points.push((placed(foot, yaw, x, y, -0.15), -17.0));
         }
     }
-    draw.thing("shelf", placed(foot, yaw, 0.0, 0.9, 0.15), &points)
+    draw.object("shelf", placed(foot, yaw, 0.0, 0.9, 0.15), &points)
 }
 
 pub(super) fn sofa(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
@@ -123,13 +123,13 @@ pub(super) fn sofa(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
         points.push((placed(foot, yaw, x, 0.42, -0.38), -24.0));
         points.push((placed(foot, yaw, x, 0.85, 0.3), -22.0));
     }
-    draw.thing("sofa", placed(foot, yaw, 0.0, 0.4, 0.2), &points)
+    draw.object("sofa", placed(foot, yaw, 0.0, 0.4, 0.2), &points)
 }
 
 pub(super) fn lamp(draw: &mut Draw, foot: DVec3) -> SceneObject {
     let points = [(0.03, -18.0), (0.5, -23.0), (1.0, -23.0), (1.5, -17.0)];
     let points: Vec<_> = points.iter().map(|&(y, rcs)| (foot + DVec3::Y * y, rcs)).collect();
-    let mut lamp = draw.thing("lamp", foot, &points);
+    let mut lamp = draw.object("lamp", foot, &points);
     // A round pole reflects equally to all sides.
     for scatterer in &mut lamp.scatterers {
         scatterer.lobe = DVec3::ZERO;
@@ -144,7 +144,7 @@ pub(super) fn stool(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
         points.push((placed(foot, yaw, x, 0.04, z), -21.0));
         points.push((placed(foot, yaw, x * 0.9, 0.45, z * 0.9), -19.0));
     }
-    draw.thing("stool", placed(foot, yaw, 0.0, 0.25, 0.0), &points)
+    draw.object("stool", placed(foot, yaw, 0.0, 0.25, 0.0), &points)
 }
 
 /// A metal cabinet, with corners and edges that are strong retroreflectors. Its front is towards
@@ -157,7 +157,7 @@ pub(super) fn cabinet(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
         }
     }
     points.push((placed(foot, yaw, 0.1, 0.7, -0.22), 0.0));
-    draw.thing("cabinet", placed(foot, yaw, 0.0, 0.6, 0.1), &points)
+    draw.object("cabinet", placed(foot, yaw, 0.0, 0.6, 0.1), &points)
 }
 
 /// The frame of an open door: two posts and a lintel; the opening is centred at `foot`.
@@ -169,5 +169,5 @@ pub(super) fn door_frame(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject 
         }
     }
     points.push((placed(foot, yaw, 0.0, 2.02, -0.03), -20.0));
-    draw.thing("door frame", placed(foot, yaw, 0.0, 1.0, 0.3), &points)
+    draw.object("door frame", placed(foot, yaw, 0.0, 1.0, 0.3), &points)
 }

@@ -285,9 +285,9 @@ mod tests {
         let fastest = (0..1000).map(|i| speed(f64::from(i) * 1e-3)).fold(0.0, f64::max);
         assert!((fastest - 2.5).abs() < 0.01, "{fastest}");
         let straight = Motion::from_name("straight-0.3", &scene, 10.0, 3).unwrap();
-        let place = |t: f64| at(&straight, t).translation;
+        let position = |t: f64| at(&straight, t).translation;
         assert!((-2..50).all(|i| {
-            let step = place(0.1 * f64::from(i) + 0.1) - place(0.1 * f64::from(i));
+            let step = position(0.1 * f64::from(i) + 0.1) - position(0.1 * f64::from(i));
             (step - at(&straight, 0.0).forward() * 0.03).length() < 1e-9
         }));
     }

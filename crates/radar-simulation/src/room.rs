@@ -98,8 +98,8 @@ impl Room {
     }
 
     /// Smallest distance from a point to any scatterer, metres; infinite in an empty room.
-    pub fn clearance_m(&self, place: DVec3) -> f64 {
-        self.scatterers().map(|s| s.position_m.distance(place)).fold(f64::INFINITY, f64::min)
+    pub fn clearance_m(&self, point: DVec3) -> f64 {
+        self.scatterers().map(|s| s.position_m.distance(point)).fold(f64::INFINITY, f64::min)
     }
 }
 

@@ -169,11 +169,11 @@ impl Scenario {
             return Err(ScenarioError::Dropouts(self.errors.dropouts_per_minute));
         }
         let mut scene = scene(&self.scene, self.seed)?;
-        if let Some(place) = self.look_at_m {
-            if !place.is_finite() || place.distance(scene.start_m) < 1e-3 {
-                return Err(ScenarioError::LookAt(place));
+        if let Some(point) = self.look_at_m {
+            if !point.is_finite() || point.distance(scene.start_m) < 1e-3 {
+                return Err(ScenarioError::LookAt(point));
             }
-            scene.look_at_m = place;
+            scene.look_at_m = point;
         }
         let motion = Motion::from_name(&self.motion, &scene, self.duration_s + POSE_MARGIN_S, self.seed)?;
         let true_mount = self.errors.true_mount(&self.head_from_sensor, self.seed);

@@ -59,8 +59,10 @@ pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
         "raised-reflector" => Ok(ahead(vec![corner_reflector(&mut draw, DVec3::new(-0.3, 1.7, -1.0))])),
         "pair" => Ok(ahead(pair(&mut draw, DVec3::new(-0.3, 1.5, -1.0), standing).into())),
         "clothes-hanger" => Ok(ahead(vec![clothes_hanger(&mut draw, DVec3::new(0.1, 1.55, -1.1), 0.3)])),
-        "chair" => Ok(looking_at_things(vec![chair(&mut draw, "chair", DVec3::new(0.0, 0.0, -1.3), 0.4, METAL_CHAIR)])),
-        "two-chairs" => Ok(looking_at_things(vec![
+        "chair" => {
+            Ok(looking_at_objects(vec![chair(&mut draw, "chair", DVec3::new(0.0, 0.0, -1.3), 0.4, METAL_CHAIR)]))
+        }
+        "two-chairs" => Ok(looking_at_objects(vec![
             chair(&mut draw, "metal chair", DVec3::new(-0.45, 0.0, -1.2), 0.4, METAL_CHAIR),
             chair(&mut draw, "plastic chair", DVec3::new(0.5, 0.0, -1.45), -0.5, PLASTIC_CHAIR),
         ])),
@@ -75,7 +77,7 @@ pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
 }
 
 /// Objects on the floor, with the sensor 1 m above the floor and facing their centre.
-fn looking_at_things(things: Vec<SceneObject>) -> Scene {
+fn looking_at_objects(things: Vec<SceneObject>) -> Scene {
     let room = Room { things, walls: Vec::new() };
     let middle = Aabb::around(room.scatterers().map(|s| s.position_m)).map_or(DVec3::NEG_Z, |b| b.center());
     Scene { room, start_m: DVec3::new(0.0, 1.0, 0.0), look_at_m: middle }

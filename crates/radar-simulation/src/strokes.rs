@@ -90,14 +90,14 @@ impl ChairWalk {
     /// A walk to the first chair of a scene, from the direction with the most room; `None` if there
     /// is no chair.
     pub(super) fn new(scene: &Scene, duration_s: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
-        let chair = scene.room.things.iter().find(|thing| thing.name.contains("chair"))?;
+        let chair = scene.room.things.iter().find(|object| object.name.contains("chair"))?;
         let parts: Vec<DVec3> = chair.scatterers.iter().map(|s| s.position_m).collect();
         let look_at_m = parts.iter().sum::<DVec3>() / parts.len() as f64;
         let level = |v: DVec3| DVec3::new(v.x, 0.0, v.z);
         let nearest_m = |at: DVec3| parts.iter().map(|p| level(*p - at).length()).fold(f64::INFINITY, f64::min);
-        let place = |away: DVec3, away_m: f64| level(look_at_m) + away * away_m + DVec3::Y * EYES_M;
+        let position = |away: DVec3, away_m: f64| level(look_at_m) + away * away_m + DVec3::Y * EYES_M;
         let freedom = |away: &DVec3| {
-            let way = (0..=8).map(|n| place(*away, 0.5 + 0.2 * f64::from(n)));
+            let way = (0..=8).map(|n| position(*away, 0.5 + 0.2 * f64::from(n)));
             way.map(|at| free_m(scene, at, &chair.name).min(CLEARANCE_M)).fold(f64::INFINITY, f64::min)
         };
         let ways = (0..16).map(|n| DQuat::from_rotation_y(f64::from(n) * std::f64::consts::TAU / 16.0) * DVec3::Z);
@@ -105,14 +105,14 @@ impl ChairWalk {
         let away = ways.reduce(|best, way| if freedom(&way) > freedom(&best) { way } else { best })?;
         let until_m = |wanted_m: f64| {
             let steps = (0..400).map(|n| 0.01 * f64::from(n));
-            steps.into_iter().find(|m| nearest_m(place(away, *m)) >= wanted_m).unwrap_or(wanted_m)
+            steps.into_iter().find(|m| nearest_m(position(away, *m)) >= wanted_m).unwrap_or(wanted_m)
         };
         let (far_m, near_m) = (until_m(FAR_M), until_m(NEAR_M));
         let [before_s, there_s, stay_s, back_s, after_s] = WALK_S;
         let legs = [(0.0, before_s, 0.0), (there_s, stay_s, far_m - near_m), (back_s, after_s, 0.0)];
         Some(Self {
             strokes: Strokes::new(legs),
-            start_m: place(away, far_m),
+            start_m: position(away, far_m),
             ahead: -away,
             right: (-away).cross(DVec3::Y),
             look_at_m,
@@ -136,7 +136,7 @@ impl ChairWalk {
 /// Horizontal distance to the walls and to all objects but one, metres.
 fn free_m(scene: &Scene, at: DVec3, but: &str) -> f64 {
     let level = |v: DVec3| DVec3::new(v.x, 0.0, v.z).length();
-    let others = scene.room.things.iter().filter(|thing| thing.name != but).flat_map(|thing| &thing.scatterers);
+    let others = scene.room.things.iter().filter(|object| object.name != but).flat_map(|object| &object.scatterers);
     let walls = scene.room.walls.iter().filter(|wall| wall.plane.outward.y == 0.0);
     let to_things = others.map(|s| level(s.position_m - at)).fold(f64::INFINITY, f64::min);
     walls.map(|wall| wall.plane.distance(at)).fold(to_things, f64::min)
@@ -184,7 +184,7 @@ mod tests {
         for (name, seed) in (0..6).map(|seed| ("furnished-room", seed)).chain([("chair", 1), ("two-chairs", 2)]) {
             let scene = scene(name, seed).unwrap();
             let motion = Motion::from_name("approach-chair", &scene, 30.0, seed).unwrap();
-            let chair = scene.room.things.iter().find(|thing| thing.name.contains("chair")).unwrap();
+            let chair = scene.room.things.iter().find(|object| object.name.contains("chair")).unwrap();
             let poses: Vec<Pose> =
                 (0..3000).map(|n| motion.tracking_from_head(f64::from(n) * 0.01, &Pose::IDENTITY)).collect();
             let level = |v: DVec3| DVec3::new(v.x, 0.0, v.z).length();

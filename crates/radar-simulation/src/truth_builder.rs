@@ -32,8 +32,8 @@ impl TruthBuilder<'_> {
     /// time, seconds.
     pub fn build(&self, room: &Room, head_at: impl Fn(f64) -> Pose, sensor_at: impl Fn(f64) -> Pose) -> Truth {
         let times: Vec<f64> = (0..(self.duration_s / STEP_S) as usize).map(|i| i as f64 * STEP_S).collect();
-        let obstacles = room.things.iter().map(|thing| {
-            let points_m: Vec<_> = thing.scatterers.iter().map(|s| s.position_m).collect();
+        let obstacles = room.things.iter().map(|object| {
+            let points_m: Vec<_> = object.scatterers.iter().map(|s| s.position_m).collect();
             let nearest = |t: f64| {
                 let head = head_at(t).translation;
                 points_m.iter().map(|p| p.distance(head)).fold(f64::INFINITY, f64::min)
@@ -47,8 +47,8 @@ impl TruthBuilder<'_> {
                 })
             };
             TruthObstacle {
-                name: thing.name.clone(),
-                rcs_dbsm: thing.scatterers.iter().map(|s| s.rcs_dbsm).collect(),
+                name: object.name.clone(),
+                rcs_dbsm: object.scatterers.iter().map(|s| s.rcs_dbsm).collect(),
                 closest_approach_m: times.iter().map(|&t| nearest(t)).fold(f64::INFINITY, f64::min),
                 in_beam_s: times.iter().filter(in_beam).count() as f64 * STEP_S,
                 points_m: points_m.clone(),

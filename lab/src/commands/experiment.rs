@@ -12,7 +12,7 @@ use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
 
-/// Repeats the thesis' experiments and says which of its findings hold
+/// Repeats the thesis' experiments and states which of its findings hold
 ///
 /// Everything is simulated, so the truth is known. Writes report.html, one file with everything in
 /// it, report.md, its findings and tables, and for each experiment a folder of pictures (PNG),
@@ -29,7 +29,7 @@ pub struct ExperimentCommand {
     seeds: u64,
 }
 
-/// Steps of the progress bar per experiment.
+/// Steps of the progress bar per experiment. Choice: per cent.
 const STEPS: u64 = 100;
 
 impl ExperimentCommand {

@@ -15,6 +15,7 @@ use radar_chaperone::warning::warn;
 use radar_mapping::{Event, Scene};
 use radar_simulation::{Scenario, Simulated};
 
+/// Display frames a second. Choice: the usual rate of headsets.
 const DISPLAY_HZ: f64 = 90.0;
 /// Time from a frame's end to its arrival, nanoseconds. A choice: USB's polling and a frame's
 /// transfer take about that long.

@@ -16,13 +16,16 @@ use radar_mapping::{CleanSettings, TrackSettings};
 use radar_sar::math;
 use radar_simulation::ScenarioError;
 
-/// Thresholds at which alarms are counted.
+/// Thresholds at which alarms are counted. Choice: around the mapper's thresholds, from alarms by
+/// the hundred to hardly any.
 const SCORES: [f64; 4] = [1.75, 2.0, 2.25, 2.5];
 /// Rates for which scores are given, per hour.
 const RATES: [(f64, &str); 3] = [(60.0, "one a minute"), (1.0, "one an hour"), (1.0 / 1000.0, "one in 1000 h")];
-/// Rates that are stated and compared with other noise, per hour.
+/// Rates that are stated and compared with other noise, per hour. Choice: frequent enough to be
+/// counted within minutes.
 const STATED: [f64; 2] = [600.0, 60.0];
-/// Duration that shows whether a preset makes sub-apertures at all, seconds.
+/// Duration that shows whether a preset makes sub-apertures at all, seconds. Choice: ten
+/// sub-apertures.
 const TRIAL_S: f64 = 1.0;
 
 /// The noise of some presets.

@@ -24,7 +24,7 @@ use radar_sar::subaperture::{
 use radar_sar::{TimeOffsetEstimator, TimeOffsetSettings};
 use radar_simulation::{Scenario, ScenarioError, Simulated};
 
-/// Each stage is repeated; the shortest counts.
+/// Repetitions of each stage, of which the shortest counts. Choice: two may both be disturbed.
 const REPETITIONS: usize = 3;
 
 /// A simulated recording whose processing is timed.
@@ -77,13 +77,13 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs
     let (join_s, (observations, path)) = timed(|| joined(scenario, simulated, settings));
     costs.add("joining the streams", join_s, String::new());
     let (copy_s, _) = timed(|| observations.to_vec());
-    let (build_s, blocks) = timed(|| blocks(&observations, settings.rooms.subapertures));
+    let (build_s, subapertures) = timed(|| subapertures(&observations, settings.rooms.subapertures));
     costs.add("sub-apertures: range compression, tables", build_s - copy_s, String::new());
     for voxel_m in [0.05, 0.025] {
         let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.subapertures };
         let (field_s, updates) = timed(|| {
             let mut field = Field::new(with_voxel, with_voxel.min_cos(&settings.radar.beam));
-            blocks.iter().for_each(|block| field.add(block));
+            subapertures.iter().for_each(|subaperture| field.add(subaperture));
             field.updates
         });
         let giga = updates as f64 * 1e-9;
@@ -93,12 +93,12 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs
     let (planes_s, _) = timed(|| {
         let mut planes =
             PlaneField::new(settings.rooms.subapertures, settings.rooms.subapertures.min_cos(&settings.radar.beam));
-        blocks.iter().for_each(|block| planes.add(block));
+        subapertures.iter().for_each(|subaperture| planes.add(subaperture));
     });
     costs.add("planes", planes_s, String::new());
     let (offset_s, _) = timed(|| time_offset(&observations, &path, settings));
     costs.add("time offset, estimated once a second", offset_s, String::new());
-    fine(&observations, &blocks, settings, costs);
+    fine(&observations, &subapertures, settings, costs);
 }
 
 fn pipelines(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs: &mut Costs) {
@@ -157,29 +157,33 @@ type Update = (usize, Vec<glam::DVec3>);
 
 /// The fine field as the mapper opens it, fully recomputed at every update, then compared with a
 /// dense field.
-fn fine(observations: &[Observation], blocks: &[Subaperture], settings: &Settings, costs: &mut Costs) {
-    let looks = looks(observations, settings);
-    let (fine_s, fine) = timed(|| replayed_field(blocks, &looks, settings, usize::MAX));
-    let open = looks.iter().map(|(_, bricks)| bricks.len()).sum::<usize>() / looks.len().max(1);
+fn fine(observations: &[Observation], subapertures: &[Subaperture], settings: &Settings, costs: &mut Costs) {
+    let updates = updates(observations, settings);
+    let (fine_s, fine) = timed(|| replayed_field(subapertures, &updates, settings, usize::MAX));
+    let open = updates.iter().map(|(_, bricks)| bricks.len()).sum::<usize>() / updates.len().max(1);
     let work = format!("{open} bricks open on average, {:.2} G updates", fine.counters().updates as f64 * 1e-9);
     costs.add("fine field, 1 cm where opened", fine_s, work);
     // The update that opened most bricks, late enough for a full window; compared one second later.
-    let new = |n: &usize| looks[*n].1.iter().filter(|brick| !looks[n - 1].1.contains(brick)).count();
-    let full = |n: &usize| window(blocks, looks[*n].0, settings).start > 0;
-    let Some(at) = (1..looks.len().saturating_sub(4)).filter(full).max_by_key(new) else { return };
-    let opened: Vec<glam::DVec3> =
-        looks[at].1.iter().filter(|b| !looks[at - 1].1.contains(b) && looks[at + 4].1.contains(b)).copied().collect();
-    let (first, last) = (window(blocks, looks[at].0, settings).start, looks[at + 4].0);
+    let new = |n: &usize| updates[*n].1.iter().filter(|brick| !updates[n - 1].1.contains(brick)).count();
+    let full = |n: &usize| window(subapertures, updates[*n].0, settings).start > 0;
+    let Some(at) = (1..updates.len().saturating_sub(4)).filter(full).max_by_key(new) else { return };
+    let opened: Vec<glam::DVec3> = updates[at]
+        .1
+        .iter()
+        .filter(|b| !updates[at - 1].1.contains(b) && updates[at + 4].1.contains(b))
+        .copied()
+        .collect();
+    let (first, last) = (window(subapertures, updates[at].0, settings).start, updates[at + 4].0);
     let voxel_m = settings.rooms.fine.voxel_m;
     let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.subapertures };
     let mut dense = Field::new(with_voxel, with_voxel.min_cos(&settings.radar.beam));
     let start = cpu_s();
-    blocks[first..=last].iter().for_each(|block| dense.add(block));
+    subapertures[first..=last].iter().for_each(|subaperture| dense.add(subaperture));
     let dense_s = cpu_s().zip(start).map_or(f64::NAN, |(end, start)| end - start);
-    let span_s = (blocks[last].mid_time_ns - blocks[first].mid_time_ns) as f64 * 1e-9;
+    let span_s = (subapertures[last].mid_time_ns - subapertures[first].mid_time_ns) as f64 * 1e-9;
     let dense_updates = dense.updates as f64 / span_s * costs.duration_s;
     let share = fine.counters().updates as f64 / dense_updates * 100.0;
-    let fine = replayed_field(blocks, &looks, settings, at + 4);
+    let fine = replayed_field(subapertures, &updates, settings, at + 4);
     let (mut equal, mut different) = (0, 0);
     for voxel in opened.iter().flat_map(|brick| voxels(*brick, voxel_m)) {
         match fine.field().score_at(voxel) == dense.score_at(voxel) {
@@ -197,42 +201,47 @@ fn fine(observations: &[Observation], blocks: &[Subaperture], settings: &Setting
 }
 
 /// The bricks that the mapper opens, update by update.
-fn looks(observations: &[Observation], settings: &Settings) -> Vec<Update> {
+fn updates(observations: &[Observation], settings: &Settings) -> Vec<Update> {
     let mut search = RoomMapper::new(settings.rooms, &settings.radar.beam, settings.tracking.errors);
-    let mut looks: Vec<Update> = Vec::new();
+    let mut updates: Vec<Update> = Vec::new();
     for observation in observations {
         search.push(observation.clone());
-        if search.counters().looks as usize > looks.len() {
-            looks.push((search.counters().blocks as usize - 1, search.fine().open_bricks()));
+        if search.counters().looks as usize > updates.len() {
+            updates.push((search.counters().blocks as usize - 1, search.fine().open_bricks()));
         }
     }
-    looks
+    updates
 }
 
 /// A fine field with exactly these bricks open after each update, up to a given one.
-fn replayed_field(blocks: &[Subaperture], looks: &[Update], settings: &Settings, last_update: usize) -> FineField {
+fn replayed_field(
+    subapertures: &[Subaperture],
+    updates: &[Update],
+    settings: &Settings,
+    last_update: usize,
+) -> FineField {
     let follow =
         FineSettings { max_opened: usize::MAX, max_bricks: usize::MAX, keep_updates: 0, ..settings.rooms.fine };
     let rooms = &settings.rooms;
     let mut fine = FineField::new(follow, rooms.subapertures, rooms.subapertures.min_cos(&settings.radar.beam));
     let (mut next, mut first) = (0, 0);
-    for (last, bricks) in looks.iter().take(last_update.saturating_add(1)) {
+    for (last, bricks) in updates.iter().take(last_update.saturating_add(1)) {
         while next <= *last {
-            fine.push_subaperture(&blocks[next]);
-            let at_hand = window(blocks, next, settings);
-            blocks[first..at_hand.start].iter().for_each(|block| fine.pop_subaperture(block));
-            (next, first) = (next + 1, at_hand.start);
+            fine.push_subaperture(&subapertures[next]);
+            let in_window = window(subapertures, next, settings);
+            subapertures[first..in_window.start].iter().for_each(|subaperture| fine.pop_subaperture(subaperture));
+            (next, first) = (next + 1, in_window.start);
         }
         fine.request(bricks, 1e-6);
-        fine.update_all(&blocks[first..next].iter().collect::<Vec<_>>());
+        fine.update_all(&subapertures[first..next].iter().collect::<Vec<_>>());
     }
     fine
 }
 
 /// Sub-apertures in the window when one has arrived.
-fn window(blocks: &[Subaperture], last: usize, settings: &Settings) -> std::ops::Range<usize> {
-    let since_ns = blocks[last].mid_time_ns - (settings.rooms.clean.window_s * 1e9) as i64;
-    blocks[..last].partition_point(|block| block.mid_time_ns < since_ns)..last + 1
+fn window(subapertures: &[Subaperture], last: usize, settings: &Settings) -> std::ops::Range<usize> {
+    let since_ns = subapertures[last].mid_time_ns - (settings.rooms.clean.window_s * 1e9) as i64;
+    subapertures[..last].partition_point(|subaperture| subaperture.mid_time_ns < since_ns)..last + 1
 }
 
 /// Centres of a brick's voxels.
@@ -241,11 +250,11 @@ fn voxels(brick: glam::DVec3, voxel_m: f64) -> impl Iterator<Item = glam::DVec3>
     (0..512).map(move |n| brick + glam::DVec3::new(along(n), along(n / 8), along(n / 64)) * voxel_m)
 }
 
-fn blocks(observations: &[Observation], settings: SubapertureSettings) -> Vec<Subaperture> {
+fn subapertures(observations: &[Observation], settings: SubapertureSettings) -> Vec<Subaperture> {
     let mut builder = SubapertureBuilder::new(settings);
-    let mut blocks: Vec<Subaperture> = observations.iter().filter_map(|o| builder.push(o.clone())).collect();
-    blocks.extend(builder.close());
-    blocks
+    let mut subapertures: Vec<Subaperture> = observations.iter().filter_map(|o| builder.push(o.clone())).collect();
+    subapertures.extend(builder.close());
+    subapertures
 }
 
 fn whole(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> MapperCounters {

@@ -27,14 +27,17 @@ use radar_sar::subaperture::{
 use radar_sar::{Beam, Observation};
 use radar_simulation::{Scenario, ScenarioError};
 
-/// Alarms nearer than this to each other are one, metres. Choice.
+/// Alarms nearer than this to each other are one, metres. Choice: six voxels, the width of a
+/// point's response across the range.
 pub const SAME_ALARM_M: f64 = 0.3;
-/// Alarms nearer than this in time are one, seconds. Choice; see [`SAME_ALARM_M`].
+/// Alarms nearer than this in time are one, seconds. Choice; see [`SAME_ALARM_M`]. Choice: four
+/// updates; see [`SAME_ALARM_M`].
 pub const SAME_ALARM_S: f64 = 1.0;
-/// Rate of alarms up to which they rarely merge, per hour. At five times as many, a quarter of them
-/// merge.
+/// Rate of alarms up to which they rarely merge, per hour. Choice: at five times as many, a quarter
+/// of them merge.
 const MAX_SEPARABLE_ALARMS_PER_H: f64 = 1000.0;
-/// Number of random points at which each sub-aperture's score on noise is sampled. Choice.
+/// Number of random points at which each sub-aperture's score on noise is sampled. Choice: enough
+/// for tails of 1e-5 within minutes, few enough to be nearly independent.
 const SAMPLES_PER_SUBAPERTURE: usize = 32;
 const BEAM: Beam = Beam::Lensless;
 
@@ -170,12 +173,12 @@ struct Alarms {
 }
 
 impl Alarms {
-    fn take(&mut self, places: impl Iterator<Item = DVec3>, time_ns: i64) {
-        for place in places {
-            match self.open.iter_mut().find(|(at, _)| at.distance(place) < SAME_ALARM_M) {
-                Some(open) => *open = (place, time_ns),
+    fn take(&mut self, points: impl Iterator<Item = DVec3>, time_ns: i64) {
+        for point in points {
+            match self.open.iter_mut().find(|(at, _)| at.distance(point) < SAME_ALARM_M) {
+                Some(open) => *open = (point, time_ns),
                 None => {
-                    self.open.push((place, time_ns));
+                    self.open.push((point, time_ns));
                     self.count += 1;
                 }
             }
@@ -213,19 +216,19 @@ impl NoiseSession {
 
     fn push(&mut self, observation: Observation) {
         let time_ns = observation.mid_time_ns;
-        if let Some(block) = self.builder.push(observation.clone()) {
-            self.planes.add(&block);
-            let said = sample_scores(&block, &self.settings.subapertures, &mut self.rng);
+        if let Some(subaperture) = self.builder.push(observation.clone()) {
+            self.planes.add(&subaperture);
+            let scores = sample_scores(&subaperture, &self.settings.subapertures, &mut self.rng);
             let sums = &mut self.totals.evidence;
-            sums.count += said.len() as f64;
-            sums.sum += said.iter().sum::<f64>();
-            sums.squares += said.iter().map(|one| one * one).sum::<f64>();
-            self.totals.sweeps += block.sweep_count() as u64;
+            sums.count += scores.len() as f64;
+            sums.sum += scores.iter().sum::<f64>();
+            sums.squares += scores.iter().map(|one| one * one).sum::<f64>();
+            self.totals.sweeps += subaperture.sweep_count() as u64;
         }
-        let looks = self.totals.looks;
+        let updates = self.totals.looks;
         self.search.push(observation);
         self.totals.looks = self.search.counters().looks;
-        if self.totals.looks > looks {
+        if self.totals.looks > updates {
             self.count_update(time_ns);
         }
     }
@@ -236,14 +239,14 @@ impl NoiseSession {
         for (n, score) in self.totals.scores.iter().enumerate() {
             let peaks = peaks.iter().filter(|peak| peak.score >= *score);
             self.candidates[n].take(peaks.map(|peak| peak.position_m), time_ns);
-            let places = places.iter().filter(|place| place.score >= *score);
-            self.places[n].take(places.map(|place| place.estimate), time_ns);
+            let places = places.iter().filter(|detection| detection.score >= *score);
+            self.places[n].take(places.map(|detection| detection.estimate), time_ns);
         }
         let explain = &self.settings.clean;
         let planes = self.planes.peaks(0.0, explain.plane_min_subapertures, time_ns - (explain.window_s * 1e9) as i64);
         let here = [
             peaks.first().map(|peak| peak.score),
-            places.iter().map(|place| place.score).reduce(f64::max),
+            places.iter().map(|detection| detection.score).reduce(f64::max),
             planes.first().map(|plane| plane.score),
         ];
         for (greatest, here) in self.totals.greatest.iter_mut().zip(here) {
@@ -267,18 +270,18 @@ impl NoiseSession {
 }
 
 /// A sub-aperture's score at random points in its beam and range.
-fn sample_scores(block: &Subaperture, settings: &SubapertureSettings, rng: &mut ChaCha8Rng) -> Vec<f64> {
-    let within = settings.within(&block.geometry().axis);
+fn sample_scores(subaperture: &Subaperture, settings: &SubapertureSettings, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let within = settings.within(&subaperture.geometry().axis);
     let min_cos = settings.min_cos(&BEAM);
-    let mut place = |_: usize| {
+    let mut point = |_: usize| {
         let (cos, turn) = (rng.random_range(min_cos..1.0), rng.random_range(0.0..std::f64::consts::TAU));
         let sin = (1.0 - cos * cos).sqrt();
-        let toward = block.middle.rotation * DVec3::new(sin * math::cos(turn), sin * math::sin(turn), -cos);
+        let toward = subaperture.middle.rotation * DVec3::new(sin * math::cos(turn), sin * math::sin(turn), -cos);
         (toward * rng.random_range(within.min_range_m..within.max_range_m)).as_vec3().to_array()
     };
-    let places: Vec<[f32; 3]> = (0..SAMPLES_PER_SUBAPERTURE).map(&mut place).collect();
-    let said = block.coherence_at_points(&places).into_iter();
-    said.map(|coherence| math::ln_1p(f64::from(coherence.m)) - MEAN_LOG_OF_NOISE).collect()
+    let points: Vec<[f32; 3]> = (0..SAMPLES_PER_SUBAPERTURE).map(&mut point).collect();
+    let coherences = subaperture.coherence_at_points(&points).into_iter();
+    coherences.map(|coherence| math::ln_1p(f64::from(coherence.m)) - MEAN_LOG_OF_NOISE).collect()
 }
 
 #[cfg(test)]

@@ -55,7 +55,7 @@ impl TrialRecording {
 pub(super) const CUBE_M: f64 = 3.0;
 
 /// Shift of the searched cube for a seed, in voxels, −½ to ½ along each axis. Without it the
-/// reflector would lie at the same place in a voxel for every seed.
+/// reflector would lie at the same position in a voxel for every seed.
 pub(super) fn offset(seed: u64) -> DVec3 {
     // Multiples of the powers of the plastic number's inverse, modulo 1, spread evenly over a cube.
     DVec3::from_array([0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step| (step * seed as f64).fract() - 0.5))

@@ -33,20 +33,25 @@ use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_sar::{PoseRefusal, PoseSample};
 
-/// Most poses that wait for samples (choice).
+/// Most poses that wait for samples. Choice: a second of poses at the fastest tracker's rate;
+/// bounds memory when the samples stop.
 const MAX_WAITING: usize = 256;
-/// χ² gate: with three degrees of freedom, exceeded once in a million.
+/// χ² gate. Choice: with three degrees of freedom, exceeded once in a million, so no good pose is
+/// lost.
 const GATE_CHI2: f64 = 30.7;
-/// Duration of contradictions in a row from which on the tracker is trusted, seconds (choice).
+/// Duration of contradictions in a row from which on the tracker is trusted, seconds. Choice:
+/// single bad poses are shorter, and inertia alone drifts by centimetres in this time.
 const MAX_CONTRADICTION_S: f64 = 0.5;
-/// 1σ of a body's speed before any measurement, m/s (choice).
+/// 1σ of a body's speed before any measurement, m/s. Choice: above the speeds of a head in play.
 const SPEED_PRIOR_M_PER_S: f64 = 2.0;
-/// Random walk without samples: of the speed, m/s/√s, and of the rotation, rad/√s (choice).
+/// Random walk without samples: of the speed, m/s/√s, and of the rotation, rad/√s. Choice: above
+/// the accelerations and turns of a head, so that the filter does not trust its prediction.
 const COASTING_WALK: f64 = 5.0;
-/// The filter restarts after a longer pause of the samples, seconds (choice).
+/// The filter restarts after a longer pause of the samples, seconds. Choice: inertia has drifted by
+/// metres after this time.
 const MAX_COAST_S: f64 = 5.0;
 
-// Blocks of the error state.
+/// Blocks of three of the error state.
 const P: usize = 0;
 const V: usize = 1;
 const TURN: usize = 2;

@@ -8,10 +8,11 @@ use glam::DVec3;
 
 use radar_sar::math;
 
-/// Acceleration of free fall, tracking frame.
+/// Acceleration of free fall, tracking frame. Physics: standard gravity.
 pub const GRAVITY_M_PER_S2: DVec3 = DVec3::new(0.0, -9.806_65, 0.0);
 
-/// Correlation time of a bias of the size of the instability, seconds (choice).
+/// Correlation time of a bias of the size of the instability, seconds. Choice: the time at which
+/// Allan curves of such parts have their minimum.
 pub const INSTABILITY_TIME_S: f64 = 300.0;
 
 /// Measurement since the sample before: means over the interval, as an integrating sensor gives
@@ -80,6 +81,7 @@ impl ImuSpec {
         Self { name: "perfect", rate_hz: 400.0, gyroscope: TriadSpec::PERFECT, accelerometer: TriadSpec::PERFECT };
 }
 
+/// Degrees in radians, thousandths of standard gravity in m/s².
 const DEG: f64 = std::f64::consts::PI / 180.0;
 const MILLI_G: f64 = 9.806_65e-3;
 /// Bias random walks that users of such parts calibrate with, rad/s² and m/s³ per √Hz (source: the

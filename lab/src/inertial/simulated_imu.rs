@@ -14,9 +14,11 @@ use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_simulation::{TruePath, normal_vector};
 
-/// Parts of a sample's interval. Choice.
+/// Parts of a sample's interval. Choice: a chip averages over its interval, which a few points
+/// follow at the speeds of an arm.
 const INTERVAL_PARTS: usize = 4;
-/// Half the interval of the difference quotient for velocities, seconds. Choice.
+/// Half the interval of the difference quotient for velocities, seconds. Choice: rounding and
+/// curvature both stay below 1e-6 m/s for a head's motion.
 const VELOCITY_STEP_S: f64 = 1e-4;
 
 /// The true state of the head at a host time.
@@ -34,8 +36,8 @@ pub fn simulated_imu(path: &TruePath, figures: &ImuSpec) -> Vec<ImuSample> {
     measured(|t| path.tracking_from_head(t), |t| path.host_ns(t), path.span_s(), figures, path.seed())
 }
 
-fn velocity_m_per_s(place: impl Fn(f64) -> DVec3, time_s: f64) -> DVec3 {
-    (place(time_s + VELOCITY_STEP_S) - place(time_s - VELOCITY_STEP_S)) / (2.0 * VELOCITY_STEP_S)
+fn velocity_m_per_s(position: impl Fn(f64) -> DVec3, time_s: f64) -> DVec3 {
+    (position(time_s + VELOCITY_STEP_S) - position(time_s - VELOCITY_STEP_S)) / (2.0 * VELOCITY_STEP_S)
 }
 
 /// Errors of three gyroscopes or three accelerometers over time.

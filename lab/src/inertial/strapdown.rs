@@ -18,7 +18,8 @@ use glam::{DQuat, DVec3};
 use super::{GRAVITY_M_PER_S2, ImuSample};
 use radar_sar::geometry::Pose;
 
-/// Longest interval that one sample is used for, seconds (choice).
+/// Longest interval that one sample is used for, seconds. Choice: over a longer gap the motion is
+/// unknown; the filter coasts instead.
 pub(super) const MAX_INTERVAL_S: f64 = 0.1;
 
 /// State of a body.
@@ -70,10 +71,10 @@ impl NavState {
         let gain = force * h + turned * (h2 / 2.0) + rate.cross(turned) * (h3 / 6.0) + sculling * (h3 / 12.0);
         let way = force * (h2 / 2.0) - slopes.force * (h3 / 12.0) + turned * (h3 / 6.0);
         let Pose { translation, rotation } = self.tracking_from_body;
-        let place = translation + self.velocity_m_per_s * h + rotation * way + GRAVITY_M_PER_S2 * (h2 / 2.0);
+        let position = translation + self.velocity_m_per_s * h + rotation * way + GRAVITY_M_PER_S2 * (h2 / 2.0);
         Self {
             time_ns: self.time_ns.saturating_add((h * 1e9).round() as i64),
-            tracking_from_body: Pose::new(place, rotation * DQuat::from_scaled_axis(turn)),
+            tracking_from_body: Pose::new(position, rotation * DQuat::from_scaled_axis(turn)),
             velocity_m_per_s: self.velocity_m_per_s + rotation * gain + GRAVITY_M_PER_S2 * h,
         }
     }
@@ -125,16 +126,16 @@ mod tests {
     /// Greatest error of the position, metres, and of the rotation, rad, after 4 s of a coning and
     /// swinging body, with samples that are exact means.
     fn errors(rate_hz: f64) -> (f64, f64) {
-        let place = |t: f64| DVec3::new((2.0 * t).sin() * 0.3, 0.1 * (3.1 * t).cos(), 0.2 * (1.7 * t).sin());
+        let position = |t: f64| DVec3::new((2.0 * t).sin() * 0.3, 0.1 * (3.1 * t).cos(), 0.2 * (1.7 * t).sin());
         let rotation =
             |t: f64| DQuat::from_rotation_y(0.8 * (2.3 * t).sin()) * DQuat::from_rotation_x(0.5 * (2.9 * t).cos());
         let e = 1e-4;
-        let velocity = |t: f64| (place(t + e) - place(t - e)) / (2.0 * e);
+        let velocity = |t: f64| (position(t + e) - position(t - e)) / (2.0 * e);
         let h = 1.0 / rate_hz;
         let ns = |t: f64| (t * 1e9).round() as i64;
         let start = NavState {
             time_ns: 0,
-            tracking_from_body: Pose::new(place(0.0), rotation(0.0)),
+            tracking_from_body: Pose::new(position(0.0), rotation(0.0)),
             velocity_m_per_s: velocity(0.0),
         };
         let mut strapdown = Strapdown::new(start);
@@ -155,7 +156,7 @@ mod tests {
                 specific_force_m_per_s2: force / h,
             });
             let Pose { translation, rotation: turned } = state.tracking_from_body;
-            worst.0 = worst.0.max(translation.distance(place(t)));
+            worst.0 = worst.0.max(translation.distance(position(t)));
             worst.1 = worst.1.max((turned * rotation(t).conjugate()).to_scaled_axis().length());
         }
         worst

@@ -9,7 +9,7 @@ use radar_chaperone::report::{Chart, Series, Table};
 use radar_chaperone::settings::Settings;
 use radar_simulation::PlaySession;
 
-/// First of the seeds on which nothing was tuned or trained.
+/// First of the seeds. Choice: nothing was tuned or trained on these.
 const FIRST_SEED: u64 = 1000;
 /// The setting that trades detections against false reports.
 const ODDS: &str = "rooms.tracks.confirm_log_odds";

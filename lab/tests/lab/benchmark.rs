@@ -47,7 +47,7 @@ fn unwritable_output_is_refused_before_the_benchmark_runs() {
     let folder = Folder::new("benchmark_refused");
     folder.write("file", "not a folder");
     std::fs::create_dir(folder.path("folder")).unwrap();
-    for (arguments, says) in [
+    for (arguments, message) in [
         ("--out file", "cannot make folder file"),
         ("--out file/deeper", "cannot make folder file/deeper"),
         ("--json folder", "--json folder: give the name of a file"),
@@ -56,7 +56,7 @@ fn unwritable_output_is_refused_before_the_benchmark_runs() {
         ("--json", "a value is required for '--json"),
         ("--slow", "unexpected argument '--slow'"),
     ] {
-        let outcome = folder.run(&format!("benchmark {arguments}")).fails_with(says);
+        let outcome = folder.run(&format!("benchmark {arguments}")).fails_with(message);
         assert!(outcome.out.is_empty(), "{outcome:#?}");
     }
 }

@@ -17,8 +17,8 @@ fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {
     let [frames, track] = ["medium_tank.h5", "medium_tank_poses.tum"].map(real_recording);
     let imported = import_h5(&frames, Some(&track), &ImportOptions::default()).unwrap();
     let (config, frames) = (imported.header.config, imported.frames);
-    let place = |pose: &PoseSample| (pose.time_ns, pose.tracking_from_head().unwrap().translation.z);
-    let poses: Vec<(i64, f64)> = imported.poses.iter().map(place).collect();
+    let position = |pose: &PoseSample| (pose.time_ns, pose.tracking_from_head().unwrap().translation.z);
+    let poses: Vec<(i64, f64)> = imported.poses.iter().map(position).collect();
     // Profile 3: its subsweep follows that of profile 1.
     let (before, subsweep) = (config.subsweeps[0].num_points as usize, config.subsweeps[1]);
     let sweeps = |frame: &Frame| vec![frame.samples[before..before + subsweep.num_points as usize].to_vec()];
@@ -31,9 +31,9 @@ fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {
     };
     let calibration: Vec<_> = frames[..100].iter().flat_map(sweeps).collect();
     let mut detector = VendorDetector::new(sampling, &calibration);
-    let (mut looks, mut distances, mut speeds) = (0, Vec::new(), Vec::new());
+    let (mut windows, mut distances, mut speeds) = (0, Vec::new(), Vec::new());
     for frame in &frames {
-        let Some(look) = detector.push(&sweeps(frame)) else { continue };
+        let Some(result) = detector.push(&sweeps(frame)) else { continue };
         let middle_ns = frame.host_time_ns - (7.5 / sampling.sweep_rate_hz * 1e9) as i64;
         let at = poses.partition_point(|pose| pose.0 < middle_ns);
         if at < 4 || at + 4 >= poses.len() {
@@ -47,8 +47,8 @@ fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {
         if !(near + 0.02..far - 0.02).contains(&distance) || speed.abs() > 0.08 {
             continue;
         }
-        looks += 1;
-        if let Some(found) = look.reflections.first() {
+        windows += 1;
+        if let Some(found) = result.reflections.first() {
             distances.push((found.distance_m - distance).abs());
             speeds.push((found.velocity_m_per_s - speed).abs());
         }
@@ -57,7 +57,7 @@ fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
     };
-    assert!(looks > 50 && distances.len() * 10 > looks * 9, "{looks} looks, {} seen", distances.len());
+    assert!(windows > 50 && distances.len() * 10 > windows * 9, "{windows} windows, {} seen", distances.len());
     let (distance, speed) = (median(&mut distances), median(&mut speeds));
     // A bin is 13 mm/s wide, and the reflector changes its speed within a window of 0.19 s.
     assert!(distance < 0.01 && speed < 0.0134, "{distance} m, {speed} m/s");

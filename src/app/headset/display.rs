@@ -17,7 +17,8 @@ use radar_sar::geometry::Pose;
 
 /// Largest width of an eye's picture, pixels. Choice: lines and discs need no more.
 const MAX_EYE_PX: u32 = 1024;
-/// Pictures per eye kept alive after they were replaced. Choice.
+/// Pictures per eye kept alive after they were replaced. Choice: the copy of one may be pending
+/// when the next is passed; one more in reserve.
 const RETAINED_PICTURES: usize = 3;
 
 /// Viewpoint in the standing universe, and the transform from there into the runtime's universe.
@@ -235,12 +236,12 @@ fn project(
         overlay.set_texture(&texture)?;
     }
     let raw_from_eye = from.raw_from_standing * tracking_from_eye;
-    let told = match matrix {
+    let matrix_for_runtime = match matrix {
         ProjectionMatrix::EyeFromTracking => raw_from_eye.inverse(),
         ProjectionMatrix::TrackingFromEye => raw_from_eye,
     };
     let side = if side == 0 { EyeSide::Left } else { EyeSide::Right };
-    overlay.set_projection(Universe::Raw, &told, eye.tangents, side)?;
+    overlay.set_projection(Universe::Raw, &matrix_for_runtime, eye.tangents, side)?;
     overlay.set_alpha(1.0)?;
     overlay.show()?;
     Ok(picture)

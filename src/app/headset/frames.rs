@@ -28,7 +28,8 @@ use radar_sar::geometry::Pose;
 
 /// Longest age of a head pose for drawing, nanoseconds. Choice: panels are fixed in the room.
 const MAX_HEAD_AGE_NS: i64 = 1_000_000_000;
-/// Interval of the shared status, nanoseconds. Choice.
+/// Interval of the shared status, nanoseconds. Choice: the panel's numbers change no faster than
+/// one reads, and the lock is rarely taken.
 const STATUS_INTERVAL_NS: i64 = 250_000_000;
 
 /// Pictures and devices that must outlive the session, because the runtime may copy from them until

@@ -3,11 +3,14 @@
 use crate::openvr::{Runtime, VulkanDevice, VulkanError};
 use crate::render::{RenderError, Renderer};
 
-/// Interval of attempts to reopen a lost device, nanoseconds. Choice.
+/// Interval of attempts to reopen a lost device, nanoseconds. Choice: an attempt holds up the frame
+/// loop, and a driver that restarts needs seconds.
 const RETRY_NS: i64 = 2_000_000_000;
-/// A device that refuses work for this long without a success counts as lost, nanoseconds. Choice.
+/// A device that refuses work for this long without a success counts as lost, nanoseconds. Choice:
+/// single refusals come with a compositor's restart; after this long the wearer has no warnings.
 const MAX_REFUSING_NS: i64 = 1_000_000_000;
-/// Number of lost devices kept. Choice.
+/// Number of lost devices kept. Choice: a session survives several driver resets, and a driver that
+/// fails for ever does not fill memory.
 const RETAINED_DEVICES: usize = 4;
 
 /// Why there is no renderer.

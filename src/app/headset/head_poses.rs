@@ -10,7 +10,8 @@ use super::status::EventSink;
 use crate::app::now_ns;
 use crate::openvr::{Hands, Runtime};
 
-/// Interval of checks of the standing universe, nanoseconds. Choice.
+/// Interval of checks of the standing universe, nanoseconds. Choice: a recentring is rare, and
+/// poses in the raw universe do not depend on it; saves a call per pose.
 const CHECK_INTERVAL_NS: i64 = 250_000_000;
 
 /// Reads head poses in the standing universe as it was at the first pose.
@@ -30,7 +31,7 @@ impl<'a> HeadPoses<'a> {
         Self { runtime, anchor: None, leap: LeapDetector::default(), checked_ns: i64::MIN, hands, hand_sampler }
     }
 
-    /// Reads poses at this rate until told to stop.
+    /// Reads poses at this rate until asked to stop.
     pub fn read(mut self, rate_hz: f64, sink: EventSink, stop: &AtomicBool) {
         let period = Duration::from_secs_f64(1.0 / rate_hz);
         while !stop.load(Ordering::Relaxed) {

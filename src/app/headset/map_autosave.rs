@@ -14,12 +14,15 @@ use crate::app::{SensorSupervisor, SettingsStore, now_ns};
 use radar_mapping::SavedMap;
 use radar_recording::{MapFile, MapFileError, MapFolder};
 
-/// Polling interval. Choice.
+/// Polling interval. Choice: a saved map is restored before the wearer has taken a step, at
+/// negligible cost.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Interval of saves, nanoseconds. Choice.
+/// Interval of saves, nanoseconds. Choice: a crash costs at most this much of a map that takes
+/// minutes to learn; saving costs one small file.
 const SAVE_INTERVAL_NS: i64 = 30_000_000_000;
 /// Time after a leap during which the tracking system may still report another universe,
-/// nanoseconds. Choice.
+/// nanoseconds. Choice: long enough for the runtime to change its universe id after a leap, short
+/// enough to restore the map before the wearer has moved far.
 const LEAP_SETTLE_NS: i64 = 1_000_000_000;
 
 /// The folder of the saved maps, and whether to remove them: once for each room, over all sessions.
@@ -102,8 +105,8 @@ impl MapAutosave<'_, '_> {
         }
         if progress.restored != Some((epoch, universe)) {
             progress.restored = Some((epoch, universe));
-            if let Some(remembered) = self.load(progress, &room, universe) {
-                reconstruction.restore(epoch, remembered);
+            if let Some(saved) = self.load(progress, &room, universe) {
+                reconstruction.restore(epoch, saved);
             }
             return;
         }

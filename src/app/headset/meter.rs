@@ -4,7 +4,7 @@
 use crate::app::{Latency, LatencyReport};
 
 /// A frame that starts later than this many periods after the previous one follows a missed frame.
-/// Choice.
+/// Choice: half-way between a frame in time and one missed, so jitter is not counted.
 const LATE_PERIODS: f64 = 1.5;
 
 /// A frame's start and end in host time.
@@ -157,7 +157,7 @@ mod tests {
         meter.frame(times(170, 1, 0));
         assert_eq!((missed(&meter), meter.report().frames), ((2, 1, 2), 13));
         meter.frame(FrameTimes { waited_before_ns: 16 * MS, ..times(200, 1, 0) });
-        assert_eq!(missed(&meter), (2, 3, 2), "it was told in time, and had no core");
+        assert_eq!(missed(&meter), (2, 3, 2), "it was woken in time, and had no core");
         meter.frame(FrameTimes { waited_before_ns: 4 * MS, ..times(220, 1, 0) });
         assert_eq!(missed(&meter), (2, 3, 3), "even with one at once it would have been late");
         assert!((meter.report().wall.max_s - 0.025).abs() < 1e-9);

@@ -14,11 +14,13 @@ use radar_sar::geometry::Pose;
 
 /// Number of overlays. Choice: the runtime's compositor draws each of them for each eye.
 pub(super) const MAX_OVERLAYS: usize = 8;
-/// Pictures per overlay kept alive after they were replaced. Choice.
+/// Pictures per overlay kept alive after they were replaced. Choice: the copy of one may be pending
+/// when the next is passed; one more in reserve.
 const RETAINED_PICTURES: usize = 2;
-/// Brightness is rounded to the steps of a display, to save calls of the runtime.
+/// Steps of brightness, to save calls of the runtime. Choice: those of an 8-bit display; finer ones
+/// cannot be seen.
 const ALPHA_STEPS: f32 = 255.0;
-/// Sort orders: what lies on the floor is drawn before what stands on it.
+/// Sort orders. Choice: what lies on the floor is drawn before what stands on it.
 const FLOOR_ORDER: u32 = 0;
 const PANEL_ORDER: u32 = 1;
 

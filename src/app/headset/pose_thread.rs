@@ -31,7 +31,7 @@ pub(super) struct RoomFrame {
 /// Shared with other threads; `None` before the session frame is defined.
 pub(super) type SharedFrame = Mutex<Option<RoomFrame>>;
 
-/// Reads head poses at this rate until told to stop. Skips poses that took too long to read, and
+/// Reads head poses at this rate until asked to stop. Skips poses that took too long to read, and
 /// all poses before the session frame is defined.
 pub(super) fn read_poses(runtime: &Runtime, frame: &SharedFrame, rate_hz: f64, sink: EventSink, stop: &AtomicBool) {
     let period_ns = (1e9 / rate_hz) as i64;

@@ -4,7 +4,8 @@
 /// A runtime that has not answered for this time is gone, nanoseconds. Choice: its compositor may
 /// restart within a second or two.
 const MAX_SILENCE_NS: i64 = 3_000_000_000;
-/// Interval of checks, nanoseconds. Choice.
+/// Interval of checks, nanoseconds. Choice: a twelfth of the silence that counts, at four calls of
+/// the runtime a second.
 const CHECK_INTERVAL_NS: i64 = 250_000_000;
 
 /// Monitors the runtime.

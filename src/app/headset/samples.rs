@@ -10,7 +10,7 @@ use radar_sar::TrackingResult;
 use radar_sar::geometry::Pose;
 
 /// A call that took longer was interrupted, so the time of its pose is unknown, nanoseconds.
-/// Choice.
+/// Choice: a call takes microseconds, and half of this at a hand's 2 m/s is a millimetre.
 const MAX_CALL_NS: i64 = 1_000_000;
 
 /// Poses and their time, host nanoseconds; `None` when the time is unknown.
@@ -43,7 +43,8 @@ pub(super) struct HandSampler {
     last_ns: Option<i64>,
 }
 
-/// Least interval of hand samples, nanoseconds. Choice.
+/// Least interval of hand samples, nanoseconds. Choice: the interval at which the mapper keeps
+/// them.
 const HAND_INTERVAL_NS: i64 = 10_000_000;
 
 impl HandSampler {
@@ -52,9 +53,9 @@ impl HandSampler {
         if self.last_ns.is_some_and(|last_ns| (0..HAND_INTERVAL_NS).contains(&time_ns.saturating_sub(last_ns))) {
             return None;
         }
-        let place =
+        let position =
             |hand: &DevicePose| hand.valid_pose().map(|pose| session_from_raw.transform_point(pose.translation));
-        let hands_m = [place(&poses.hands[0]), place(&poses.hands[1])];
+        let hands_m = [position(&poses.hands[0]), position(&poses.hands[1])];
         let has_some = hands_m.iter().any(Option::is_some);
         let had_some = std::mem::replace(&mut self.had_some, has_some);
         if !has_some && !had_some {
@@ -68,10 +69,11 @@ impl HandSampler {
 /// The wearer in the standing universe: the head pose given, and the hands that are tracked.
 pub(super) fn wearer(time_ns: i64, standing_from_head: Pose, poses: &Poses, raw_from_standing: &Pose) -> Wearer {
     let standing_from_raw = raw_from_standing.inverse();
-    let place = |hand: &DevicePose| hand.valid_pose().map(|pose| standing_from_raw.transform_point(pose.translation));
+    let position =
+        |hand: &DevicePose| hand.valid_pose().map(|pose| standing_from_raw.transform_point(pose.translation));
     Wearer {
         time_ns,
         tracking_from_head: standing_from_head,
-        hands_m: [place(&poses.hands[0]), place(&poses.hands[1])],
+        hands_m: [position(&poses.hands[0]), position(&poses.hands[1])],
     }
 }

@@ -9,7 +9,8 @@ use super::anchor::{Anchor, AnchorChange, LeapDetector};
 use super::pose_thread::{RoomFrame, SharedFrame};
 use crate::openvr::{Poses, Runtime};
 
-/// Interval of checks of the standing universe, nanoseconds; an event triggers one at once. Choice.
+/// Interval of checks of the standing universe, nanoseconds; an event triggers one at once. Choice:
+/// after a recentring panels stand wrong for this long if its event is missed; ten calls a second.
 const CHECK_INTERVAL_NS: i64 = 100_000_000;
 
 /// The session's frame, shared with the threads that read poses and save the map.
@@ -91,7 +92,7 @@ impl<'s> SessionFrame<'s> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The frame as it is now.
+    /// The current frame.
     pub fn room_frame(&self) -> Option<RoomFrame> {
         self.anchor.map(|anchor| RoomFrame {
             session_from_raw: anchor.session_from_raw(),

@@ -27,7 +27,8 @@ use worker::{MapperSpec, Worker};
 const FRAMES: usize = 0;
 const POSES: usize = 1;
 const HANDS: usize = 2;
-/// Bound of the channel of hand samples: about two seconds. Choice.
+/// Bound of the channel of hand samples: about two seconds. Choice: at 100 samples a second longer
+/// than the frames wait, so a sweep has its hands.
 const MAX_HANDS: usize = 256;
 
 /// Options of the reconstruction.
@@ -170,7 +171,8 @@ pub struct Reconstruction {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Longest time that [`Reconstruction::finish`] processes waiting input, nanoseconds. Choice.
+/// Longest time that [`Reconstruction::finish`] processes waiting input, nanoseconds. Choice: the
+/// map keeps its last sweeps, and the program still ends well within SteamVR's 5 s.
 const MAX_FINISH_NS: u64 = 500_000_000;
 
 impl Reconstruction {
@@ -192,10 +194,10 @@ impl Reconstruction {
         let queue = Arc::new(Queue::new([options.max_frames, options.max_poses, MAX_HANDS]));
         let pool = pool(options)?;
         let worker = Worker::new(mapper, begin, Arc::clone(&shared), Arc::clone(&queue));
-        let (told, nice) = (Arc::clone(&shared), options.nice);
+        let (for_guard, nice) = (Arc::clone(&shared), options.nice);
         let run = move || {
             lower_priority_of_this_thread(nice);
-            run_guarded(&told, || pool.install(|| worker.run()));
+            run_guarded(&for_guard, || pool.install(|| worker.run()));
         };
         let last_given = Mutex::new(Arc::clone(&*lock(&shared.newest)));
         let thread = Builder::new().name("reconstruction".into()).spawn(run).map_err(ReconstructionError::Thread)?;
@@ -254,8 +256,8 @@ impl Reconstruction {
     }
 
     /// Restores a saved map, in the frame of the poses of that epoch.
-    pub fn restore(&self, epoch: u64, remembered: SavedMap) {
-        *lock(&self.shared.pending_map) = Some((epoch, remembered));
+    pub fn restore(&self, epoch: u64, saved: SavedMap) {
+        *lock(&self.shared.pending_map) = Some((epoch, saved));
     }
 
     /// The current map for saving and its epoch, at most a second old; `None` before there is one

@@ -14,14 +14,17 @@ use radar_mapping::{Event, Scene};
 use radar_mapping::{Mapper, MapperKind};
 use radar_sar::geometry::Pose;
 
-/// Longest wait for input: bounds the reaction time to stop and reset. Choice.
+/// Longest wait for input: bounds the reaction time to stop and reset. Choice: shorter than one
+/// perceives, twenty wake-ups a second without input.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Interval of the shared counters, nanoseconds. Choice.
+/// Interval of the shared counters, nanoseconds. Choice: as often as the panel is drawn.
 const COUNTERS_INTERVAL_NS: i64 = 100_000_000;
-/// Interval of the shared map for saving, nanoseconds. Choice.
+/// Interval of the shared map for saving, nanoseconds. Choice: a fraction of the 30 s between
+/// saves, and a copy a second costs little.
 const SAVED_MAP_INTERVAL_NS: i64 = 1_000_000_000;
 /// A search for single reflectors covers everything kept: at most once a second, and at most a
-/// fifth of the time. Choice.
+/// fifth of the time. Choice: a search takes up to seconds, and sweeps must not wait in the queue
+/// meanwhile.
 const MIN_REFLECTORS_INTERVAL_NS: i64 = 1_000_000_000;
 const REFLECTORS_IDLE_RATIO: i64 = 4;
 
@@ -133,12 +136,11 @@ impl Worker {
         // The lock is held until the shared map contains it, so that nobody saves the map without
         // it.
         let mut waiting = lock(&shared.pending_map);
-        let Some((_, remembered)) =
-            waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
+        let Some((_, saved_map)) = waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
         else {
             return;
         };
-        if let Err(error) = self.mapper.restore(&remembered) {
+        if let Err(error) = self.mapper.restore(&saved_map) {
             log::warn!("the saved map of the room is ignored: {error}");
         }
         self.publish_saved_map(0);
@@ -156,8 +158,8 @@ impl Worker {
             return;
         }
         self.saved_map_ns = now_ns;
-        let remembered = Some((self.epoch, Arc::new(self.mapper.saved_map())));
-        let before = std::mem::replace(&mut *lock(&self.shared.saved_map), remembered);
+        let saved_map = Some((self.epoch, Arc::new(self.mapper.saved_map())));
+        let before = std::mem::replace(&mut *lock(&self.shared.saved_map), saved_map);
         // Dropped after the lock is released.
         drop(before);
     }

@@ -4,7 +4,8 @@
 //! written. So a text is accepted once it has been stable for a moment and is valid. An invalid or
 //! missing file is rejected once that has lasted for longer. Each state is reported once.
 
-/// A text that has been stable for this time is complete, nanoseconds. Choice.
+/// A text that has been stable for this time is complete, nanoseconds. Choice: two short polls; an
+/// editor that writes in pieces continues within milliseconds.
 const STABLE_NS: i64 = 150_000_000;
 /// An invalid file is reported after this time, nanoseconds. Choice: an editor may be saving it.
 const REPORT_AFTER_NS: i64 = 1_000_000_000;
@@ -118,25 +119,30 @@ mod tests {
     }
 
     /// Observes every 100 ms for a while; the results and their observation numbers.
-    fn look_for(debouncer: &mut FileDebouncer, from_ms: i64, looks: i64, seen: &FileState) -> Vec<(i64, Outcome<i32>)> {
-        let outcomes = (0..looks).map(|n| (n, debouncer.observe((from_ms + 100 * n) * MS, seen.clone(), check)));
+    fn observe_for(
+        debouncer: &mut FileDebouncer,
+        from_ms: i64,
+        times: i64,
+        seen: &FileState,
+    ) -> Vec<(i64, Outcome<i32>)> {
+        let outcomes = (0..times).map(|n| (n, debouncer.observe((from_ms + 100 * n) * MS, seen.clone(), check)));
         outcomes.filter(|(_, outcome)| *outcome != Outcome::Unchanged).collect()
     }
 
     #[test]
     fn text_is_accepted_once_stable() {
         let mut debouncer = FileDebouncer::new(text("1"));
-        assert!(look_for(&mut debouncer, 0, 5, &text("1")).is_empty());
-        assert!(look_for(&mut debouncer, 500, 1, &text("2")).is_empty(), "half written");
-        assert_eq!(look_for(&mut debouncer, 600, 20, &text("22")), [(2, Outcome::Accepted("22".into(), 22))]);
+        assert!(observe_for(&mut debouncer, 0, 5, &text("1")).is_empty());
+        assert!(observe_for(&mut debouncer, 500, 1, &text("2")).is_empty(), "half written");
+        assert_eq!(observe_for(&mut debouncer, 600, 20, &text("22")), [(2, Outcome::Accepted("22".into(), 22))]);
     }
 
     #[test]
     fn editor_save_sequences_are_not_reported() {
         let mut debouncer = FileDebouncer::new(text("1"));
-        assert!(look_for(&mut debouncer, 0, 3, &text("")).is_empty());
-        assert!(look_for(&mut debouncer, 300, 3, &FileState::Absent).is_empty());
-        assert!(look_for(&mut debouncer, 600, 2, &text("1")).is_empty(), "it is as it was");
+        assert!(observe_for(&mut debouncer, 0, 3, &text("")).is_empty());
+        assert!(observe_for(&mut debouncer, 300, 3, &FileState::Absent).is_empty());
+        assert!(observe_for(&mut debouncer, 600, 2, &text("1")).is_empty(), "it is as it was");
         assert!(!debouncer.is_waiting());
     }
 
@@ -146,16 +152,16 @@ mod tests {
         for (n, seen) in
             [text("x"), text(""), FileState::Absent, FileState::Unreadable("no".into())].into_iter().enumerate()
         {
-            let told = look_for(&mut debouncer, 10_000 * n as i64, 50, &seen);
-            assert!(matches!(told[..], [(10, Outcome::Rejected(_))]), "{seen:?}: {told:?}");
+            let outcomes = observe_for(&mut debouncer, 10_000 * n as i64, 50, &seen);
+            assert!(matches!(outcomes[..], [(10, Outcome::Rejected(_))]), "{seen:?}: {outcomes:?}");
         }
-        assert_eq!(look_for(&mut debouncer, 90_000, 9, &text("1")), [(2, Outcome::Accepted("1".into(), 1))]);
+        assert_eq!(observe_for(&mut debouncer, 90_000, 9, &text("1")), [(2, Outcome::Accepted("1".into(), 1))]);
     }
 
     #[test]
     fn own_writes_are_unchanged() {
         let mut debouncer = FileDebouncer::new(FileState::Absent);
         debouncer.set_written("7");
-        assert!(look_for(&mut debouncer, 0, 20, &text("7")).is_empty());
+        assert!(observe_for(&mut debouncer, 0, 20, &text("7")).is_empty());
     }
 }

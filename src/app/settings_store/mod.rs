@@ -22,20 +22,24 @@ use self::debounce::{FileDebouncer, FileState, Outcome};
 use super::now_ns;
 use crate::settings::Settings;
 
-/// Polling interval of the file. Choice.
+/// Polling interval of the file. Choice: a saved change appears at once to its author, for four
+/// system calls a second.
 const POLL_INTERVAL: Duration = Duration::from_millis(250);
-/// Polling interval while a change is pending. Choice.
+/// Polling interval while a change is pending. Choice: half of what a text must stay stable, so
+/// that a change applies within a quarter of a second.
 const SHORT_POLL_INTERVAL: Duration = Duration::from_millis(80);
 /// A file modified this recently may be modified again within the resolution of its timestamp.
-/// Choice.
+/// Choice: the coarsest timestamps in use, FAT's, have 2 s.
 const RECENT: Duration = Duration::from_secs(3);
-/// Changes are saved after this time without another, nanoseconds, and after `MAX_SAVE_DELAY_NS` at the
-/// latest: a slider sends many. Choice.
+/// Changes are saved after this time without another, nanoseconds, and after `MAX_SAVE_DELAY_NS` at
+/// the latest: a slider sends many. Choice: a pause of the hand; 2 s bound what a crash loses.
 const SAVE_DELAY_NS: i64 = 400_000_000;
 const MAX_SAVE_DELAY_NS: i64 = 2_000_000_000;
-/// Largest settings file, bytes. Choice.
+/// Largest settings file, bytes. Choice: the manual with every setting has 13 kB; a link to an
+/// endless file must not fill memory.
 const MAX_FILE_BYTES: u64 = 1 << 20;
-/// Bound of waiting commands. Choice.
+/// Bound of waiting commands. Choice: a slider sends one a frame; the watcher empties the queue in
+/// microseconds.
 const MAX_COMMANDS: usize = 256;
 
 /// Builds settings from a file's text and overriding `name=value` changes, or returns what is
@@ -187,7 +191,7 @@ impl SettingsStore {
 }
 
 impl SettingsWatcher {
-    /// Runs until told to end.
+    /// Runs until asked to end.
     pub fn run(mut self, store: &SettingsStore, compose: Compose, on_new: OnNew) {
         loop {
             let turn = if self.debouncer.is_waiting() || self.changed_ns.is_some() {
@@ -284,7 +288,7 @@ impl SettingsWatcher {
         }
     }
 
-    /// Saves the own changes to the file as it is now.
+    /// Saves the own changes to the current file.
     fn save(&mut self, store: &SettingsStore, compose: Compose) {
         self.changed_ns = None;
         let why = match self.try_save(compose) {
@@ -434,10 +438,10 @@ mod tests {
         with_store("begins-wrong", Some("broken ["), &["warning.brightness=0.5"], |store, file| {
             let default = Settings::default().warning;
             assert_eq!((store.newest().warning.brightness, store.newest().warning.style), (0.5, default.style));
-            let told = store.trouble().expect("it is wrong");
-            assert!(told.contains("line 1") && !told.contains('\n'), "{told}");
+            let trouble = store.trouble().expect("it is wrong");
+            assert!(trouble.contains("line 1") && !trouble.contains('\n'), "{trouble}");
             fs::write(file, "[cues]\nvolume = 2.0\n").unwrap();
-            wait_for("the other fault", || store.trouble().is_some_and(|told| told.contains("cues.volume is 2")));
+            wait_for("the other fault", || store.trouble().is_some_and(|trouble| trouble.contains("cues.volume is 2")));
             fs::write(file, "[cues]\nvolume = 0.25\n").unwrap();
             wait_for("a good one", || store.newest().cues.volume == 0.25 && store.trouble().is_none());
         });

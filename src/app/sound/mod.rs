@@ -13,7 +13,8 @@ use cpal::traits::{DeviceTrait, HostTrait, StreamTrait};
 use crate::warning::Tone;
 use voice::Mixer;
 
-/// Bound of tones that wait to start. Choice.
+/// Bound of tones that wait to start. Choice: as many as sound at once; a device that stalls must
+/// not play old cues later.
 const MAX_WAITING_TONES: usize = 4;
 
 /// Why no sound can be played.
@@ -99,9 +100,9 @@ fn build<T: cpal::SizedSample + cpal::FromSample<f32>>(
         mixer.fill(samples, T::from_sample);
     };
     // An unplugged device reports the error repeatedly.
-    let mut told = false;
+    let mut has_logged = false;
     let failed = move |error| {
-        if !std::mem::replace(&mut told, true) {
+        if !std::mem::replace(&mut has_logged, true) {
             log::warn!("warnings no longer have sound: {error}");
         }
     };

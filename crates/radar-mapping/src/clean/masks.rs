@@ -35,10 +35,10 @@ impl Mask {
 
 /// What the wearer's own hands account for: everything at the ranges of hand and forearm, whatever
 /// its apparent direction, because they move.
-pub(crate) fn hand_masks(block: &Subaperture, hands: &HandTrail) -> Vec<Mask> {
-    let hands = hands.at(block.mid_time_ns).into_iter().flatten();
-    let to_hand = hands.map(|hand| hand - block.middle.translation);
-    let ahead = to_hand.filter(|to| to.dot(block.middle.forward()) > 0.0);
+pub(crate) fn hand_masks(subaperture: &Subaperture, hands: &HandTrail) -> Vec<Mask> {
+    let hands = hands.at(subaperture.mid_time_ns).into_iter().flatten();
+    let to_hand = hands.map(|hand| hand - subaperture.middle.translation);
+    let ahead = to_hand.filter(|to| to.dot(subaperture.middle.forward()) > 0.0);
     let mask = |to: DVec3| {
         let Range { start, end } = hand_ranges_m(to.length());
         Mask { range_m: (start + end) * 0.5, half_range_m: (end - start) * 0.5, cos: 0.0, half_cos: 2.0 }
@@ -68,15 +68,15 @@ impl CleanWindow<'_> {
     }
 
     fn mask_of(&self, n: usize, response: &Response) -> Mask {
-        let block = self.blocks[n];
-        let half_width_m = block.geometry().pulse_fwhm_m * 0.5;
+        let subaperture = self.subapertures[n];
+        let half_width_m = subaperture.geometry().pulse_fwhm_m * 0.5;
         // As far as the pulse's skirt stands out of the noise.
         let skirt_m = half_width_m * math::log2(response.power.max(1.0)).sqrt();
         Mask {
             range_m: response.range_m,
             half_range_m: skirt_m.max(self.settings.mask_range_m),
             cos: response.cos,
-            half_cos: self.settings.mask_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4)),
+            half_cos: self.settings.mask_lobes * WAVELENGTH_M / (2.0 * subaperture.aperture_m.max(1e-4)),
         }
     }
 }

@@ -38,19 +38,19 @@ impl CleanWindow<'_> {
     /// `None` for a sub-aperture that has the plane out of range, or so far off the beam's axis
     /// that not even a mirror returns anything.
     pub(super) fn plane_responses(&self, plane: &Plane) -> Vec<Option<Response>> {
-        let response = |block: &&Subaperture| {
-            let range_m = plane.distance(block.middle.translation);
-            let axis = &block.geometry().axis;
-            let in_range = range_m >= self.block_settings.min_range_m && axis.contains(range_m);
-            if !in_range || plane.outward.dot(block.middle.forward()) < self.plane_min_cos {
+        let response = |subaperture: &&Subaperture| {
+            let range_m = plane.distance(subaperture.middle.translation);
+            let axis = &subaperture.geometry().axis;
+            let in_range = range_m >= self.subaperture_settings.min_range_m && axis.contains(range_m);
+            if !in_range || plane.outward.dot(subaperture.middle.forward()) < self.plane_min_cos {
                 return None;
             }
             let toward = plane.outward.as_vec3().to_array();
             let coherence =
-                block.uncancelled().coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
-            Some(Response::new((&block.middle, block.motion), coherence, range_m, plane.outward, self.beam))
+                subaperture.uncancelled().coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
+            Some(Response::new((&subaperture.middle, subaperture.motion), coherence, range_m, plane.outward, self.beam))
         };
-        self.blocks.iter().map(response).collect()
+        self.subapertures.iter().map(response).collect()
     }
 
     /// Moves a plane uphill in the coherent power of its unmasked responses: rotated about the
@@ -85,10 +85,10 @@ impl CleanWindow<'_> {
     /// Weighted sum of the logarithms of the powers that add up. Unlike the score it has its
     /// maximum at the very middle of a pulse, however strong it is.
     fn coherent_log_power(&self, candidate: &Candidate) -> f64 {
-        let of_block = |(response, weight): (&Option<Response>, &f64)| {
+        let of_subaperture = |(response, weight): (&Option<Response>, &f64)| {
             response.map_or(0.0, |response| weight * math::ln_1p(response.net_coherent_power()))
         };
-        candidate.responses.iter().zip(&self.weights).map(of_block).sum()
+        candidate.responses.iter().zip(&self.weights).map(of_subaperture).sum()
     }
 
     /// Whether it is a plane: the feet of its perpendiculars have moved, and no single point
@@ -107,7 +107,7 @@ impl CleanWindow<'_> {
     /// Score by which a plane exceeds the best single point near where it was seen.
     fn margin_over_point(&self, responses: &[Option<Response>]) -> f64 {
         let Some(start) = self.mean_foot(responses) else { return 0.0 };
-        let margin_over = |place: DVec3| self.margin_over(responses, place);
+        let margin_over = |point: DVec3| self.margin_over(responses, point);
         let (mut here, mut least) = (start, margin_over(start));
         for step_m in POINT_STEPS_M {
             loop {
@@ -125,12 +125,12 @@ impl CleanWindow<'_> {
     }
 
     /// Score by which the sub-apertures favour a plane over a point.
-    fn margin_over(&self, responses: &[Option<Response>], place: DVec3) -> f64 {
+    fn margin_over(&self, responses: &[Option<Response>], point: DVec3) -> f64 {
         let (mut sum, mut squares) = (0.0, 0.0);
-        for ((block, weight), response) in self.blocks.iter().zip(&self.weights).zip(responses) {
+        for ((subaperture, weight), response) in self.subapertures.iter().zip(&self.weights).zip(responses) {
             let Some(response) = response else { continue };
-            let whole = block.uncancelled();
-            let relative = (place - whole.middle.translation).as_vec3().to_array();
+            let whole = subaperture.uncancelled();
+            let relative = (point - whole.middle.translation).as_vec3().to_array();
             let of_point = Response::evidence_of(whole.coherence_at_points(&[relative])[0].m);
             sum += weight * (response.evidence - of_point);
             squares += weight * weight;
@@ -141,8 +141,8 @@ impl CleanWindow<'_> {
     /// Mean of the feet of a plane's perpendiculars.
     fn mean_foot(&self, responses: &[Option<Response>]) -> Option<DVec3> {
         let (mut sum, mut count) = (DVec3::ZERO, 0.0);
-        for (block, response) in self.significant(responses) {
-            sum += block.middle.translation + response.toward * response.range_m;
+        for (subaperture, response) in self.significant(responses) {
+            sum += subaperture.middle.translation + response.toward * response.range_m;
             count += 1.0;
         }
         (count > 0.0).then(|| sum / count)
@@ -151,8 +151,8 @@ impl CleanWindow<'_> {
     /// Rms spread of the feet of a plane's perpendiculars, metres.
     fn feet_rms_m(&self, responses: &[Option<Response>]) -> f64 {
         let Some(mean) = self.mean_foot(responses) else { return 0.0 };
-        let foot = |(block, response): (&Subaperture, &Response)| {
-            block.middle.translation + response.toward * response.range_m
+        let foot = |(subaperture, response): (&Subaperture, &Response)| {
+            subaperture.middle.translation + response.toward * response.range_m
         };
         let squares: Vec<f64> = self.significant(responses).map(|seen| foot(seen).distance_squared(mean)).collect();
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()

@@ -52,17 +52,17 @@ impl Score {
     }
 
     fn of<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>, amplitude_spread_cost: f64) -> Option<Self> {
-        let (mut a, mut b, mut blocks, mut strengths) = (0.0, 0.0, 0, Strengths::default());
+        let (mut a, mut b, mut subapertures, mut strengths) = (0.0, 0.0, 0, Strengths::default());
         let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
         for WeightedResponse { response, weight, time_ns } in responses {
             a += weight * response.evidence;
             b += weight * weight;
-            blocks += 1;
+            subapertures += 1;
             (first_ns, last_ns) = (first_ns.min(time_ns), last_ns.max(time_ns));
             strengths.push(response, weight);
         }
         let score = (a - amplitude_spread_cost * strengths.squared_deviations()) / b.sqrt();
-        (blocks >= MIN_SUBAPERTURES).then_some(Self { score, subapertures: blocks, first_ns, last_ns })
+        (subapertures >= MIN_SUBAPERTURES).then_some(Self { score, subapertures, first_ns, last_ns })
     }
 }
 

@@ -181,7 +181,7 @@ impl MtiTrack {
     }
 
     /// Records whether a sub-aperture had the target. A miss does not count where the target's
-    /// range rate cannot be told from that of objects at rest, or where its range was not measured.
+    /// range rate cannot be distinguished from that of objects at rest, or where its range was not measured.
     /// After a miss that counts by its range rate, the speed is limited to the range rates that
     /// objects at rest hide: a person who walks past comes no nearer.
     pub fn record_hit(&mut self, is_seen: bool, movers: &MtiResult) {

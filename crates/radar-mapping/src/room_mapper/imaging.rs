@@ -44,7 +44,7 @@ impl Imaging {
     pub fn add(&mut self, subaperture: &Subaperture) {
         self.field.add(subaperture);
         self.fine.push_subaperture(subaperture);
-        // Walls are looked for in the sub-aperture as it was measured, with the known ones in it.
+        // Walls are searched in the sub-aperture as it was measured, with the known ones in it.
         self.planes.add(subaperture.uncancelled());
     }
 
@@ -91,7 +91,7 @@ impl Imaging {
     }
 
     /// The voxels around a track that score at least three quarters of its score, for where no fine
-    /// voxels are at hand.
+    /// voxels are open.
     pub fn coarse_shape(&self, point: DVec3, score: f64) -> Shape {
         Shape::around(point, score, self.voxel_m, |center| self.field.score_at(center))
     }

@@ -61,7 +61,7 @@ pub(super) fn with_subaperture<'b>(
     window: &'b Window,
     likelihoods: impl Iterator<Item = Option<Likelihood>> + 'b,
 ) -> impl Iterator<Item = (&'b Subaperture, Likelihood)> {
-    window.iter().zip(likelihoods).filter_map(|(block, likelihood)| Some((block, likelihood?)))
+    window.iter().zip(likelihoods).filter_map(|(subaperture, likelihood)| Some((subaperture, likelihood?)))
 }
 
 impl ObjectMap {
@@ -142,7 +142,7 @@ impl ObjectMap {
             covariance_m2: DMat3::from_diagonal(DVec3::splat(imaging.voxel_m().powi(2))),
             shape: imaging.coarse_shape(track.estimate, track.score),
         };
-        self.refined.get(&track.id).map_or_else(unrefined, |(_, place)| place.clone())
+        self.refined.get(&track.id).map_or_else(unrefined, |(_, point)| point.clone())
     }
 
     /// Confirmed obstacles, by falling evidence. Tracks near each other belong to one obstacle,
@@ -152,14 +152,14 @@ impl ObjectMap {
         tracks.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
         let mut obstacles: Vec<Obstacle> = Vec::new();
         for track in tracks {
-            let place = self.refined_point_of(track, imaging);
-            let near = |o: &&mut Obstacle| o.position_m.distance(place.position_m) <= CLUSTER_M;
+            let point = self.refined_point_of(track, imaging);
+            let near = |o: &&mut Obstacle| o.position_m.distance(point.position_m) <= CLUSTER_M;
             let Some(obstacle) = obstacles.iter_mut().find(near) else {
-                obstacles.push(obstacle_from_track(track, place));
+                obstacles.push(obstacle_from_track(track, point));
                 continue;
             };
             obstacle.provisional &= track.provisional;
-            obstacle.shape.extend(cells(track, &place));
+            obstacle.shape.extend(cells(track, &point));
             obstacle.first_seen_ns = obstacle.first_seen_ns.min(track.first_ns);
             obstacle.last_seen_ns = obstacle.last_seen_ns.max(track.last_ns);
         }
@@ -188,14 +188,14 @@ impl ObjectMap {
             // An object that was never observed again cannot be missed either.
             let strengths = self.existences.get(&track.id)?.strengths();
             strengths.iter().any(|strength| *strength > 0.0).then(|| {
-                let place = self.refined_point_of(track, imaging);
+                let point = self.refined_point_of(track, imaging);
                 SavedPoint {
                     id: track.id,
-                    position_m: place.position_m,
-                    covariance_m2: place.covariance_m2,
+                    position_m: point.position_m,
+                    covariance_m2: point.covariance_m2,
                     score: track.score,
                     strengths,
-                    shape: place.shape.strongest(SavedMap::MAX_SHAPE),
+                    shape: point.shape.strongest(SavedMap::MAX_SHAPE),
                     first_ns: track.first_ns,
                     last_ns: track.last_ns,
                 }
@@ -217,15 +217,15 @@ impl ObjectMap {
 }
 
 /// The obstacle of a single track.
-fn obstacle_from_track(track: &Track<DVec3>, place: RefinedPoint) -> Obstacle {
+fn obstacle_from_track(track: &Track<DVec3>, point: RefinedPoint) -> Obstacle {
     Obstacle {
         id: track.id,
-        position_m: place.position_m,
-        covariance_m2: place.covariance_m2,
+        position_m: point.position_m,
+        covariance_m2: point.covariance_m2,
         observed: Observed::Position,
         extent_m: DVec3::ZERO,
         evidence: track.score,
-        shape: cells(track, &place),
+        shape: cells(track, &point),
         provisional: track.provisional,
         first_seen_ns: track.first_ns,
         last_seen_ns: track.last_ns,
@@ -233,10 +233,10 @@ fn obstacle_from_track(track: &Track<DVec3>, place: RefinedPoint) -> Obstacle {
 }
 
 /// A track's cells; the one that contains its position when it has none.
-fn cells(track: &Track<DVec3>, place: &RefinedPoint) -> Vec<(DVec3, f32)> {
-    match place.shape.cells.is_empty() {
-        true => vec![(center_of(cell_of(place.position_m)), track.score as f32)],
-        false => place.shape.cells.clone(),
+fn cells(track: &Track<DVec3>, point: &RefinedPoint) -> Vec<(DVec3, f32)> {
+    match point.shape.cells.is_empty() {
+        true => vec![(center_of(cell_of(point.position_m)), track.score as f32)],
+        false => point.shape.cells.clone(),
     }
 }
 

@@ -45,19 +45,20 @@ impl Refinement<'_> {
 
     /// The position of the sub-aperture score and that of `ls`, weighted by their covariances.
     fn refined_position(&self, at: DVec3) -> (DVec3, DMat3) {
-        let block_variance = (self.config.settings.subapertures.voxel_m * 0.5).powi(2);
-        let by_blocks = (at, DMat3::from_diagonal(DVec3::splat(block_variance)));
-        let Some(by_ls) = self.refined_by_ls(at) else { return by_blocks };
-        let (block_information, ls_information) = (by_blocks.1.inverse(), by_ls.covariance_m2.inverse());
-        let covariance_m2 = (block_information + ls_information).inverse();
-        let position_m = covariance_m2 * (block_information * at + ls_information * by_ls.position_m);
+        let subaperture_variance = (self.config.settings.subapertures.voxel_m * 0.5).powi(2);
+        let by_subapertures = (at, DMat3::from_diagonal(DVec3::splat(subaperture_variance)));
+        let Some(by_ls) = self.refined_by_ls(at) else { return by_subapertures };
+        let (subaperture_information, ls_information) = (by_subapertures.1.inverse(), by_ls.covariance_m2.inverse());
+        let covariance_m2 = (subaperture_information + ls_information).inverse();
+        let position_m = covariance_m2 * (subaperture_information * at + ls_information * by_ls.position_m);
         (position_m, (covariance_m2 + covariance_m2.transpose()) * 0.5)
     }
 
     fn refined_by_ls(&self, at: DVec3) -> Option<Refined> {
-        let blocks = &self.config.settings.subapertures;
-        let sees =
-            |o: &&Observation| blocks.within(&o.geometry.axis).sees(&o.tracking_from_sensor, self.config.min_cos, at);
+        let subapertures = &self.config.settings.subapertures;
+        let sees = |o: &&Observation| {
+            subapertures.within(&o.geometry.axis).sees(&o.tracking_from_sensor, self.config.min_cos, at)
+        };
         let seen: Vec<&Observation> = self.intake.window_sweeps().filter(sees).collect();
         let positions: Vec<DVec3> = seen.iter().map(|o| o.tracking_from_sensor.translation).collect();
         let chosen: Vec<Observation> =

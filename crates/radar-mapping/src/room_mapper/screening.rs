@@ -39,8 +39,8 @@ const HAND_EXCLUSION_NS: i64 = 10_000_000_000;
 const CANDIDATE_HISTORY_UPDATES: usize = 8;
 
 /// For a point for which the history was not queried.
-fn no_history(place: &Detection<DVec3>) -> HistorySummary {
-    HistorySummary { log_odds: 0.0, sigma_m: place.sigma_m, significant: 0 }
+fn no_history(detection: &Detection<DVec3>) -> HistorySummary {
+    HistorySummary { log_odds: 0.0, sigma_m: detection.sigma_m, significant: 0 }
 }
 
 /// What detections are screened with.
@@ -59,9 +59,9 @@ impl Screening<'_> {
     /// sub-apertures cannot confirm them again.
     pub fn known_detections(&self, detections: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
         let is_same = same_point(self.config.settings.tracks.match_m);
-        let is_known = |place: DVec3| self.objects.confirmed().any(|known| is_same(&known.estimate, &place));
-        let known = detections.places.iter().filter(|place| is_known(place.estimate));
-        known.map(|place| self.score_candidate(place, no_history(place))).collect()
+        let is_known = |detection: DVec3| self.objects.confirmed().any(|known| is_same(&known.estimate, &detection));
+        let known = detections.places.iter().filter(|detection| is_known(detection.estimate));
+        known.map(|detection| self.score_candidate(detection, no_history(detection))).collect()
     }
 
     /// New detections that still exist by the newest sub-apertures that could see them.
@@ -74,87 +74,93 @@ impl Screening<'_> {
             existence.update(with_subaperture(self.window, likelihoods), settings);
             existence.log_odds() >= settings.confirm_log_odds
         };
-        let places = new.places.iter().zip(&new.query_indices);
-        let there = places.filter(|(place, query_index)| {
-            !self.is_floor_below(place.estimate, place.aspect.beam)
-                && !self.is_near_recent_hand(place.estimate)
+        let queried = new.places.iter().zip(&new.query_indices);
+        let there = queried.filter(|(detection, query_index)| {
+            !self.is_floor_below(detection.estimate, detection.aspect.beam)
+                && !self.is_near_recent_hand(detection.estimate)
                 && is_there(&new.responses[**query_index])
         });
-        let with_history =
-            |(place, query_index): (&Detection<DVec3>, &usize)| self.with_history(place, &new.responses[*query_index]);
-        there.map(with_history).map(|(place, history)| self.score_candidate(&place, history)).collect()
+        let with_history = |(detection, query_index): (&Detection<DVec3>, &usize)| {
+            self.with_history(detection, &new.responses[*query_index])
+        };
+        there.map(with_history).map(|(detection, history)| self.score_candidate(&detection, history)).collect()
     }
 
     /// The floor returns most from right below the sensor, and so near to other objects that it may
     /// be taken for part of them. No other object is there, because the wearer stands on it.
     /// Farther away it is the floor if it was seen at the beam's edge alone.
-    fn is_floor_below(&self, place: DVec3, beam: f64) -> bool {
+    fn is_floor_below(&self, point: DVec3, beam: f64) -> bool {
         let reach_m = if beam < BEAM_EDGE_AMPLITUDE { FLOOR_ECHO_RADIUS_AT_BEAM_EDGE_M } else { FLOOR_ECHO_RADIUS_M };
-        let is_over = |block: &Subaperture| (block.middle.translation - place).with_y(0.0).length() < reach_m;
-        place.y.abs() < MAX_FLOOR_HEIGHT_M && self.window.iter().any(is_over)
+        let is_over =
+            |subaperture: &Subaperture| (subaperture.middle.translation - point).with_y(0.0).length() < reach_m;
+        point.y.abs() < MAX_FLOOR_HEIGHT_M && self.window.iter().any(is_over)
     }
 
     /// Rejects new detections where a tracked hand was in the last 10 s. What is seen there is the
     /// hand, what it holds, or an artefact. A touched object was mostly known before; if not, it is
     /// detected once the hand has left.
-    fn is_near_recent_hand(&self, place: DVec3) -> bool {
+    fn is_near_recent_hand(&self, point: DVec3) -> bool {
         let now_ns = self.window.now_ns();
-        self.hands.came_near(place, HAND_EXCLUSION_M, now_ns.saturating_sub(HAND_EXCLUSION_NS))
+        self.hands.came_near(point, HAND_EXCLUSION_M, now_ns.saturating_sub(HAND_EXCLUSION_NS))
     }
 
     /// A detection with its log odds, from its surroundings and the history.
     fn score_candidate(
         &self,
-        place: &Detection<DVec3>,
+        detection: &Detection<DVec3>,
         history: HistorySummary,
     ) -> (Detection<DVec3>, ScoredCandidate) {
-        let features = features(place, &self.surroundings(place.estimate, history));
-        let at_surface = self.walls.confirmed().any(|wall| wall.estimate.distance(place.estimate).abs() < AT_SURFACE_M);
-        let log_odds = raise_if_certain(log_odds(&features), place, at_surface);
-        let place = Detection { log_odds, ..*place };
-        (place, ScoredCandidate { position_m: place.estimate, features, may_be_new: self.may_be_new(&place) })
+        let features = features(detection, &self.surroundings(detection.estimate, history));
+        let at_surface =
+            self.walls.confirmed().any(|wall| wall.estimate.distance(detection.estimate).abs() < AT_SURFACE_M);
+        let log_odds = raise_if_certain(log_odds(&features), detection, at_surface);
+        let detection = Detection { log_odds, ..*detection };
+        (
+            detection,
+            ScoredCandidate { position_m: detection.estimate, features, may_be_new: self.may_be_new(&detection) },
+        )
     }
 
-    fn surroundings(&self, place: DVec3, history: HistorySummary) -> Surroundings {
+    fn surroundings(&self, point: DVec3, history: HistorySummary) -> Surroundings {
         let is_same = same_point(self.config.settings.tracks.match_m);
         let level = |to: DVec3| to.with_y(0.0).length();
-        let others = || self.objects.confirmed().filter(|known| !is_same(&known.estimate, &place));
-        let distance_m = |known: &&Track<DVec3>| known.estimate.distance(place);
+        let others = || self.objects.confirmed().filter(|known| !is_same(&known.estimate, &point));
+        let distance_m = |known: &&Track<DVec3>| known.estimate.distance(point);
         let nearest = others().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
         let strength = |known: &Track<DVec3>| self.objects.greatest_strength(known.id);
         let upright = self.walls.confirmed().filter(|wall| wall.estimate.is_upright());
-        let to_sensor = self.window.newest().map_or(DVec3::ZERO, |block| place - block.middle.translation);
+        let to_sensor = self.window.newest().map_or(DVec3::ZERO, |subaperture| point - subaperture.middle.translation);
         Surroundings {
             nearest_track_m: nearest.map_or(f64::INFINITY, |known| distance_m(&known)),
             nearest_track_horizontal_m: others()
-                .map(|known| level(known.estimate - place))
+                .map(|known| level(known.estimate - point))
                 .fold(f64::INFINITY, f64::min),
-            wall_m: upright.map(|wall| wall.estimate.distance(place)).fold(f64::INFINITY, f64::min),
+            wall_m: upright.map(|wall| wall.estimate.distance(point)).fold(f64::INFINITY, f64::min),
             nearest_track_ln_strength: nearest.and_then(strength).map_or(0.0, |strength| math::ln(strength.max(1e-9))),
             history,
             sensor_m: to_sensor.length(),
             sensor_horizontal_m: level(to_sensor),
             age_s: self.window.age_s(),
-            recent_updates: self.candidates.recent_updates(|other| is_same(other, &place)),
+            recent_updates: self.candidates.recent_updates(|other| is_same(other, &point)),
         }
     }
 
     /// Whether a detection may be a new object, within the limits of the settings.
-    fn may_be_new(&self, place: &Detection<DVec3>) -> bool {
-        self.is_new(place) && place.farthest_m >= self.config.settings.tracks.hands_reach_m
+    fn may_be_new(&self, detection: &Detection<DVec3>) -> bool {
+        self.is_new(detection) && detection.farthest_m >= self.config.settings.tracks.hands_reach_m
     }
 
     /// Whether it is observable and not a known object.
-    fn is_new(&self, place: &Detection<DVec3>) -> bool {
-        place.observable && self.would_be_new(place)
+    fn is_new(&self, detection: &Detection<DVec3>) -> bool {
+        detection.observable && self.would_be_new(detection)
     }
 
     /// Whether it would be new if it were observable.
-    fn would_be_new(&self, place: &Detection<DVec3>) -> bool {
+    fn would_be_new(&self, detection: &Detection<DVec3>) -> bool {
         let map = &self.config.settings.tracks;
         let is_same = same_point(map.match_m);
-        place.score >= map.confirm_score
-            && !self.objects.confirmed().any(|known| is_same(&known.estimate, &place.estimate))
+        detection.score >= map.confirm_score
+            && !self.objects.confirmed().any(|known| is_same(&known.estimate, &detection.estimate))
     }
 
     /// A detection that would be new, with the history's evidence: how likely it is and, where the
@@ -162,24 +168,28 @@ impl Screening<'_> {
     /// observable.
     fn with_history(
         &self,
-        place: &Detection<DVec3>,
+        detection: &Detection<DVec3>,
         responses: &[Option<Response>],
     ) -> (Detection<DVec3>, HistorySummary) {
-        if !self.would_be_new(place) {
-            return (*place, no_history(place));
+        if !self.would_be_new(detection) {
+            return (*detection, no_history(detection));
         }
         let evidence = self.window.history.evidence_at(
-            place.estimate,
+            detection.estimate,
             responses,
             (&self.config.settings.subapertures, self.config.min_cos),
             &self.config.beam,
         );
-        let seen = self.window.iter().zip(responses).filter_map(|(block, response)| Some((block, response.as_ref()?)));
+        let seen = self
+            .window
+            .iter()
+            .zip(responses)
+            .filter_map(|(subaperture, response)| Some((subaperture, response.as_ref()?)));
         let significant = seen.filter(|(_, response)| response.is_significant());
         let sigma_m = sigma_m(&information(evidence.information, significant).inverse());
         let is_determined = evidence.log_odds > 0.0 && sigma_m <= self.config.settings.clean.max_sigma_m;
         let history = HistorySummary { log_odds: evidence.log_odds, sigma_m, significant: evidence.significant };
-        (Detection { observable: place.observable || is_determined, ..*place }, history)
+        (Detection { observable: detection.observable || is_determined, ..*detection }, history)
     }
 }
 
@@ -226,26 +236,26 @@ mod tests {
     #[test]
     fn detection_near_recent_tracked_hand_is_rejected() {
         let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
-        let place = DVec3::new(0.2, -0.3, -0.5);
+        let point = DVec3::new(0.2, -0.3, -0.5);
         for sweep in sweeps(1.0, winding, &[], 3) {
             search.push(sweep);
         }
         let now_ns = search.window.now_ns();
-        search.push_hands(now_ns, [Some(place + DVec3::Y * 0.2), Some(place + DVec3::X * 0.5)]);
-        assert!(search.screening().is_near_recent_hand(place));
-        assert!(!search.screening().is_near_recent_hand(place + DVec3::Z), "elsewhere");
+        search.push_hands(now_ns, [Some(point + DVec3::Y * 0.2), Some(point + DVec3::X * 0.5)]);
+        assert!(search.screening().is_near_recent_hand(point));
+        assert!(!search.screening().is_near_recent_hand(point + DVec3::Z), "elsewhere");
         search.window.shift_ns(HAND_EXCLUSION_NS + 1);
-        assert!(!search.screening().is_near_recent_hand(place), "the hand left long ago");
+        assert!(!search.screening().is_near_recent_hand(point), "the hand left long ago");
     }
 
     #[test]
     fn history_and_window_on_two_straight_paths_make_point_observable() {
-        let thing = DVec3::new(0.1, 0.1, -1.2);
+        let object = DVec3::new(0.1, 0.1, -1.2);
         let (level, upright) = (|t: f64| DVec3::X * (0.15 * t), |t: f64| DVec3::Y * (0.15 * t));
         let glimpsed = |ways: [fn(f64) -> DVec3; 2]| {
             let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
             for (n, way) in ways.into_iter().enumerate() {
-                for mut sweep in sweeps(1.5, way, &[(Echo::Point(thing), 2.0)], 3) {
+                for mut sweep in sweeps(1.5, way, &[(Echo::Point(object), 2.0)], 3) {
                     // The first glimpse has left the window by the second.
                     sweep.mid_time_ns += n as i64 * 6_000_000_000;
                     search.push(sweep);
@@ -261,9 +271,9 @@ mod tests {
                 &search.config.beam,
                 &mut memory,
             );
-            let detections = window.detect(&[], &[thing]);
-            let place = detections.places[0];
-            (place.observable, search.screening().with_history(&place, &detections.responses[0]).0.observable)
+            let detections = window.detect(&[], &[object]);
+            let detection = detections.places[0];
+            (detection.observable, search.screening().with_history(&detection, &detections.responses[0]).0.observable)
         };
         assert_eq!(glimpsed([level, upright]), (false, true));
         assert_eq!(glimpsed([upright, upright]), (false, false), "the same range circle twice");

@@ -73,8 +73,8 @@ impl Shape {
 }
 
 /// The cell that contains a point.
-pub(super) fn cell_of(place: DVec3) -> IVec3 {
-    (place / CELL_M).floor().as_ivec3()
+pub(super) fn cell_of(point: DVec3) -> IVec3 {
+    (point / CELL_M).floor().as_ivec3()
 }
 
 /// Centre of a cell.
@@ -84,8 +84,8 @@ pub(super) fn center_of(cell: IVec3) -> DVec3 {
 
 /// Higher score first, equal scores by position.
 pub(super) fn by_falling_score(a: &(DVec3, f32), b: &(DVec3, f32)) -> Ordering {
-    let by_place = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
-    b.1.total_cmp(&a.1).then_with(|| by_place(&a.0, &b.0))
+    let by_position = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
+    b.1.total_cmp(&a.1).then_with(|| by_position(&a.0, &b.0))
 }
 
 #[cfg(test)]

@@ -38,17 +38,17 @@ impl Facing<'_> {
 
     /// Whether a tracked hand masks the wall in the newest sub-aperture.
     fn is_masked_by_hand(&self, wall: &Plane) -> bool {
-        let is_hidden = |block: &Subaperture| {
-            let range_m = wall.distance(block.middle.translation);
-            hand_masks(block, self.hands).iter().any(|mask| mask.covers(range_m, 0.0))
+        let is_hidden = |subaperture: &Subaperture| {
+            let range_m = wall.distance(subaperture.middle.translation);
+            hand_masks(subaperture, self.hands).iter().any(|mask| mask.covers(range_m, 0.0))
         };
         self.window.newest().is_some_and(is_hidden)
     }
 
-    fn foot_seen_by(&self, block: &Subaperture, wall: &Plane) -> Option<DVec3> {
-        let squarely = wall.outward.dot(block.middle.forward()) >= self.min_cos;
-        let in_range = block.geometry().axis.contains(wall.distance(block.middle.translation));
-        (squarely && in_range).then(|| wall.foot(block.middle.translation))
+    fn foot_seen_by(&self, subaperture: &Subaperture, wall: &Plane) -> Option<DVec3> {
+        let squarely = wall.outward.dot(subaperture.middle.forward()) >= self.min_cos;
+        let in_range = subaperture.geometry().axis.contains(wall.distance(subaperture.middle.translation));
+        (squarely && in_range).then(|| wall.foot(subaperture.middle.translation))
     }
 }
 
@@ -107,9 +107,13 @@ impl WallMap {
         let is_seen = |wall: &&Track<Plane>| detections.iter().any(|other| is_same(&other.estimate, &wall.estimate));
         for wall in self.tracks.confirmed().filter(is_seen) {
             // A new wall was seen by any of the sub-apertures of the window.
-            let blocks = if self.feet.contains_key(&wall.id) { 1 } else { facing.window.len() };
-            let wall_feet =
-                facing.window.iter().rev().take(blocks).filter_map(|block| facing.foot_seen_by(block, &wall.estimate));
+            let subapertures = if self.feet.contains_key(&wall.id) { 1 } else { facing.window.len() };
+            let wall_feet = facing
+                .window
+                .iter()
+                .rev()
+                .take(subapertures)
+                .filter_map(|subaperture| facing.foot_seen_by(subaperture, &wall.estimate));
             let Some(seen) = Aabb::around(wall_feet) else { continue };
             let known = self.feet.entry(wall.id).or_insert(seen);
             *known = Aabb { min: known.min.min(seen.min), max: known.max.max(seen.max) };

@@ -134,15 +134,15 @@ impl LagCurve {
     /// Lag of the first two observable seconds relative to the last third of the recording; `None`:
     /// not both are observable.
     pub fn start_lag(&self) -> Option<StartLag> {
-        let told: Vec<&Lag> = self.lags.iter().filter(|lag| lag.sigma_s <= MAX_OBSERVABLE_SIGMA_S).collect();
-        let (first_s, last_s) = (told.first()?.time_s, told.last()?.time_s);
+        let accurate: Vec<&Lag> = self.lags.iter().filter(|lag| lag.sigma_s <= MAX_OBSERVABLE_SIGMA_S).collect();
+        let (first_s, last_s) = (accurate.first()?.time_s, accurate.last()?.time_s);
         let rest_s = last_s - (last_s - first_s) / 3.0;
         if rest_s < first_s + START_S {
             return None;
         }
         let mean = |from_s: f64, to_s: f64, of: fn(&Lag) -> f64| {
             let values: Vec<f64> =
-                told.iter().filter(|lag| (from_s..=to_s).contains(&lag.time_s)).map(|lag| of(lag)).collect();
+                accurate.iter().filter(|lag| (from_s..=to_s).contains(&lag.time_s)).map(|lag| of(lag)).collect();
             values.iter().sum::<f64>() / values.len().max(1) as f64
         };
         // Errors of neighbours are correlated, so their mean has the 1σ of a single value.
@@ -272,9 +272,9 @@ fn coarse_lags(radar: &[(i64, f64)], poses: &ResampledSeries, bias_m: f64) -> Ve
     }
     // Interpolates linearly between steps.
     let at = |time_ns: i64| {
-        let place = (time_ns - first_ns) as f64 / STEP_NS as f64 - 0.5;
-        let before = (place.max(0.0) as usize).min(steps - 1);
-        let share = (place - before as f64).clamp(0.0, 1.0);
+        let position = (time_ns - first_ns) as f64 / STEP_NS as f64 - 0.5;
+        let before = (position.max(0.0) as usize).min(steps - 1);
+        let share = (position - before as f64).clamp(0.0, 1.0);
         way[before] + (way[(before + 1).min(steps - 1)] - way[before]) * share
     };
     radar.iter().map(|(t, _)| at(*t)).collect()
@@ -344,12 +344,12 @@ fn kalman_smooth(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m
         }
         steps.push(FilterStep { predicted, corrected: (state, covariance), transition });
     }
-    let told = |((time_ns, _), (state, covariance)): (&(i64, f64), &(DVec4, DMat4))| Lag {
+    let smoothed = |((time_ns, _), (state, covariance)): (&(i64, f64), &(DVec4, DMat4))| Lag {
         time_s: *time_ns as f64 * 1e-9,
         lag_s: state.x,
         sigma_s: covariance.x_axis.x.max(0.0).sqrt(),
     };
-    radar.iter().zip(&rts_smooth(&steps)).map(told).collect()
+    radar.iter().zip(&rts_smooth(&steps)).map(smoothed).collect()
 }
 
 /// Process noise of a step.
@@ -409,9 +409,13 @@ mod tests {
         let lag = |t: f64| -0.06 - 0.8 * (1.0 - t.max(0.0) / 5.0).max(0.0).powi(2);
         let (radar, poses) = series(lag, 0.01);
         let curve = LagCurve::of(&radar, &poses).unwrap();
-        for told in curve.lags().iter().filter(|told| told.time_s > 1.5) {
-            let off_s = (told.lag_s - lag(told.time_s)).abs();
-            assert!(off_s < 8e-3 && off_s < 5.0 * told.sigma_s + 2e-3, "{told:?} against {}", lag(told.time_s));
+        for estimated in curve.lags().iter().filter(|estimated| estimated.time_s > 1.5) {
+            let off_s = (estimated.lag_s - lag(estimated.time_s)).abs();
+            assert!(
+                off_s < 8e-3 && off_s < 5.0 * estimated.sigma_s + 2e-3,
+                "{estimated:?} against {}",
+                lag(estimated.time_s)
+            );
         }
         let start = curve.start_lag().unwrap();
         assert!(start.is_significant && start.lag_s < -0.3, "{start:?}");
@@ -433,7 +437,7 @@ mod tests {
         assert!(!curve.start_lag().unwrap().is_significant, "{:?}", curve.start_lag());
         let still = |points: Vec<[f64; 2]>| points.iter().map(|[t, _]| [*t, 0.8]).collect::<Vec<_>>();
         let curve = LagCurve::of(&still(radar), &still(poses)).unwrap();
-        assert!(curve.lags().iter().all(|told| told.sigma_s > 0.1), "{:?}", curve.at(5.0));
+        assert!(curve.lags().iter().all(|estimated| estimated.sigma_s > 0.1), "{:?}", curve.at(5.0));
     }
 
     #[test]
@@ -445,7 +449,7 @@ mod tests {
         assert!(LagCurve::of(&nan, &poses).is_none());
         let far: Vec<[f64; 2]> = poses.iter().map(|[t, m]| [t + 1e5, *m]).collect();
         if let Some(curve) = LagCurve::of(&radar, &far) {
-            assert!(curve.lags().iter().all(|told| told.sigma_s > 0.1));
+            assert!(curve.lags().iter().all(|estimated| estimated.sigma_s > 0.1));
         }
     }
 }

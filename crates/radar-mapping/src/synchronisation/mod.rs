@@ -66,7 +66,7 @@ const MIN_SIGNIFICANT_LAG_S: f64 = 1e-3;
 #[derive(Debug, thiserror::Error)]
 pub enum SynchronisationError {
     /// No sweep has a pose.
-    #[error("no sweep has a pose, so nothing can be compared: `radar-chaperone info` tells what the recording holds")]
+    #[error("no sweep has a pose, so nothing can be compared: `radar-chaperone info` shows what the recording holds")]
     NoPoses,
     /// There is no reflector.
     #[error(
@@ -158,7 +158,7 @@ pub fn synchronisation(
 ) -> Result<Synchronisation, SynchronisationError> {
     let joined = join_streams(config, head_from_sensor, settings, frames, poses);
     let (start_ns, end_ns) = span(&joined)?;
-    let TrackedReflector { place, radar, by_poses } =
+    let TrackedReflector { position_m, radar, by_poses } =
         track_reflector(&joined, config, head_from_sensor, settings, frames, poses)?;
     let rates = [RateSeries::of(&radar), RateSeries::of(&by_poses)];
     let set_s = settings.tracking.time_offset_s;
@@ -173,7 +173,7 @@ pub fn synchronisation(
     let whole = whole[0];
     let found_s = whole.estimate.filter(|e| e.observable).map(|e| e.offset_s);
     Ok(Synchronisation {
-        reflector_m: place,
+        reflector_m: position_m,
         set_offset_s: set_s,
         start_lag: start_lag(&windows),
         windows,
@@ -235,8 +235,8 @@ fn track_reflector(
     frames: &[Frame],
     poses: &[PoseSample],
 ) -> Result<TrackedReflector, SynchronisationError> {
-    let places = reflectors(config, head_from_sensor, settings, frames, poses);
-    let reflector = best_reflector(&places, joined, settings).ok_or(SynchronisationError::NoReflector)?;
+    let positions_m = reflectors(config, head_from_sensor, settings, frames, poses);
+    let reflector = best_reflector(&positions_m, joined, settings).ok_or(SynchronisationError::NoReflector)?;
     match reflector.radar.len() {
         count if count < ranges::MIN_RANGES => Err(SynchronisationError::FewRanges(count)),
         _ => Ok(reflector),
@@ -276,23 +276,27 @@ fn join_streams(
 
 /// A position with its radar ranges and its distances by poses.
 struct TrackedReflector {
-    place: DVec3,
+    position_m: DVec3,
     radar: Vec<(i64, f64)>,
     by_poses: Vec<(i64, f64)>,
 }
 
 /// The position whose strongest echo follows its distance most often, so that it stands out from
 /// its surroundings.
-fn best_reflector(places: &[DVec3], joined: &JoinedStreams, settings: &MappingSettings) -> Option<TrackedReflector> {
-    let followed = |place: &DVec3| {
-        let distance_m = |at: &SensorState| (at.time_ns, at.tracking_from_sensor.translation.distance(*place));
+fn best_reflector(
+    positions_m: &[DVec3],
+    joined: &JoinedStreams,
+    settings: &MappingSettings,
+) -> Option<TrackedReflector> {
+    let followed = |position_m: &DVec3| {
+        let distance_m = |at: &SensorState| (at.time_ns, at.tracking_from_sensor.translation.distance(*position_m));
         let by_poses: Vec<(i64, f64)> = joined.path.iter().map(distance_m).collect();
-        let radar = RangeReader::new(*place, settings).read(&joined.observations);
+        let radar = RangeReader::new(*position_m, settings).read(&joined.observations);
         let count = ranges::count_following(&radar, &by_poses, settings.tracking.time_offset_s);
-        (count, TrackedReflector { place: *place, radar, by_poses })
+        (count, TrackedReflector { position_m: *position_m, radar, by_poses })
     };
     // Among equals the first, which is the strongest.
-    let best = places.iter().map(followed).reduce(|best, next| if next.0 > best.0 { next } else { best });
+    let best = positions_m.iter().map(followed).reduce(|best, next| if next.0 > best.0 { next } else { best });
     best.map(|(_, followed)| followed)
 }
 
@@ -372,15 +376,15 @@ fn estimate_whole(whole: &mut OffsetWindow, joined: &JoinedStreams, start_ns: i6
     let part = |n: usize| OffsetWindow { from_s: edge_s(n as f64), to_s: edge_s(n as f64 + 1.0), ..*whole };
     let mut parts: Vec<OffsetWindow> = (0..parts as usize).map(part).collect();
     estimate(&mut parts, joined, start_ns, settings);
-    let told: Vec<TimeOffset> = parts.iter().filter_map(|part| part.estimate).filter(|e| e.observable).collect();
+    let observable: Vec<TimeOffset> = parts.iter().filter_map(|part| part.estimate).filter(|e| e.observable).collect();
     whole.estimate = match parts.as_slice() {
         [only] => only.estimate,
-        _ => mean(told.iter().map(|e| (e.offset_s, e.sigma_s))).map(|(offset_s, sigma_s)| TimeOffset {
+        _ => mean(observable.iter().map(|e| (e.offset_s, e.sigma_s))).map(|(offset_s, sigma_s)| TimeOffset {
             offset_s,
             sigma_s,
             observable: true,
-            tracks: told.iter().map(|e| e.tracks).sum(),
-            tracks_left_out: told.iter().map(|e| e.tracks_left_out).sum(),
+            tracks: observable.iter().map(|e| e.tracks).sum(),
+            tracks_left_out: observable.iter().map(|e| e.tracks_left_out).sum(),
         }),
     };
 }
@@ -399,14 +403,14 @@ fn mean(values: impl Iterator<Item = (f64, f64)> + Clone) -> Option<(f64, f64)> 
 
 /// The first window relative to the others.
 fn start_lag(windows: &[OffsetWindow]) -> Option<StartLag> {
-    let told = |window: &OffsetWindow| -> Option<(f64, f64)> {
+    let estimate_of = |window: &OffsetWindow| -> Option<(f64, f64)> {
         let by_rates =
             || window.by_rates.filter(|r| r.correlation >= TRUSTED_CORRELATION).map(|r| (r.offset_s, r.sigma_s));
         window.estimate.filter(|e| e.observable).map(|e| (e.offset_s, e.sigma_s)).or_else(by_rates)
     };
     let (first, others) = windows.split_first()?;
-    let others: Vec<(f64, f64)> = others.iter().filter_map(told).collect();
-    let ((first_s, first_sigma_s), (rest_s, rest_sigma_s)) = (told(first)?, mean(others.iter().copied())?);
+    let others: Vec<(f64, f64)> = others.iter().filter_map(estimate_of).collect();
+    let ((first_s, first_sigma_s), (rest_s, rest_sigma_s)) = (estimate_of(first)?, mean(others.iter().copied())?);
     let (lag_s, sigma_s) = (first_s - rest_s, math::hypot(first_sigma_s, rest_sigma_s));
     Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(MIN_SIGNIFICANT_LAG_S) })
 }

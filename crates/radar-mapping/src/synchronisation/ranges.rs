@@ -30,13 +30,13 @@ pub(super) const MIN_RANGES: usize = 50;
 
 /// Reads the ranges of a position.
 pub(super) struct RangeReader<'a> {
-    place: DVec3,
+    position_m: DVec3,
     beam: &'a Beam,
 }
 
 impl<'a> RangeReader<'a> {
-    pub fn new(place: DVec3, settings: &'a MappingSettings) -> Self {
-        Self { place, beam: &settings.radar.beam }
+    pub fn new(position_m: DVec3, settings: &'a MappingSettings) -> Self {
+        Self { position_m, beam: &settings.radar.beam }
     }
 
     /// Times and ranges, metres, from the first subsweep whose range covers the position.
@@ -58,9 +58,9 @@ impl<'a> RangeReader<'a> {
     }
 
     fn sees(&self, observation: &Observation) -> bool {
-        let range_m = observation.distance_m(self.place);
+        let range_m = observation.distance_m(self.position_m);
         observation.geometry.axis.contains(range_m)
-            && self.beam.amplitude(observation.cos_off_boresight(self.place)) >= MIN_AMPLITUDE
+            && self.beam.amplitude(observation.cos_off_boresight(self.position_m)) >= MIN_AMPLITUDE
     }
 
     /// Range of the strongest peak of a group's mean power in the gate, and the time when that
@@ -77,7 +77,7 @@ impl<'a> RangeReader<'a> {
             power.iter_mut().zip(&z).for_each(|(sum, z): (_, &Complex32)| *sum += f64::from(z.norm_sqr()));
         }
         let (first_m, step_m) = (compressor.first_m(), compressor.step_m());
-        let expected_m = middle.distance_m(self.place);
+        let expected_m = middle.distance_m(self.position_m);
         let in_gate = |entry: &usize| {
             let range_m = first_m + *entry as f64 * step_m;
             (range_m - expected_m).abs() <= GATE_M && range_m >= MIN_RANGE_M

@@ -54,11 +54,11 @@ mod tests {
     #[test]
     fn outline_stays_within_beam_and_ranges() {
         let beam = BeamCone { cut_off_rad: 0.7, ranges_m: [0.2, 3.0] };
-        let places: Vec<DVec3> = beam.lines().concat();
-        for place in &places {
-            assert!((0.2 - 1e-9..=3.0 + 1e-9).contains(&place.length()));
-            assert!(place.normalize().dot(DVec3::NEG_Z) >= 0.7f64.cos() - 1e-9);
+        let points: Vec<DVec3> = beam.lines().concat();
+        for point in &points {
+            assert!((0.2 - 1e-9..=3.0 + 1e-9).contains(&point.length()));
+            assert!(point.normalize().dot(DVec3::NEG_Z) >= 0.7f64.cos() - 1e-9);
         }
-        assert!(places.iter().any(|p| (*p - DVec3::NEG_Z * 3.0).length() < 1e-9));
+        assert!(points.iter().any(|p| (*p - DVec3::NEG_Z * 3.0).length() < 1e-9));
     }
 }

@@ -14,7 +14,7 @@ const STRIDE_BYTES: u32 = 20;
 /// A coloured point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dot {
-    pub place: Vec3,
+    pub position: Vec3,
     pub value: f32,
     pub rgba: [u8; 4],
 }
@@ -30,7 +30,7 @@ pub fn cloud(time_ns: i64, frame: &str, dots: &[Dot]) -> PointCloud {
     let colors = (16..).zip(["red", "green", "blue", "alpha"]).map(|(at, name)| field(name, at, NumericType::Uint8));
     let mut data = Vec::with_capacity(dots.len() * STRIDE_BYTES as usize);
     for dot in dots {
-        let [x, y, z] = dot.place.to_array();
+        let [x, y, z] = dot.position.to_array();
         data.extend([x, y, z, dot.value].into_iter().flat_map(f32::to_le_bytes));
         data.extend(dot.rgba);
     }
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn point_fields_match_their_offsets() {
-        let dot = Dot { place: Vec3::new(1.0, -2.0, 0.5), value: 7.5, rgba: [1, 2, 3, 4] };
+        let dot = Dot { position: Vec3::new(1.0, -2.0, 0.5), value: 7.5, rgba: [1, 2, 3, 4] };
         let message = cloud(5, "sensor", &[dot, dot]);
         assert_eq!(message.data.len(), 2 * message.point_stride as usize);
         let second = &message.data[message.point_stride as usize..];

@@ -122,8 +122,8 @@ fn cells(obstacle: &Obstacle) -> Vec<CubePrimitive> {
     let strongest = shape.first().map_or(1.0, |voxel| voxel.1.max(f32::MIN_POSITIVE));
     // A single reflector is a point without extent.
     let edge_m = Some(obstacle.cell_m()).filter(|edge_m| *edge_m > 0.0).unwrap_or(POINT_CUBE_M);
-    let cube = |&&(place, score): &&(DVec3, f32)| CubePrimitive {
-        pose: Some(foxglove_pose(&Pose::from_translation(place))),
+    let cube = |&&(position, score): &&(DVec3, f32)| CubePrimitive {
+        pose: Some(foxglove_pose(&Pose::from_translation(position))),
         size: Some(vector(DVec3::splat(edge_m))),
         color: Some(color(OBSTACLE, f64::from(0.15 + 0.55 * (score / strongest).clamp(0.0, 1.0)))),
     };
@@ -199,13 +199,13 @@ fn line_list(ends: &[DVec3], color: Color) -> LinePrimitive {
     lines(LineType::LineList, ends, color)
 }
 
-fn lines(kind: LineType, places: &[DVec3], color: Color) -> LinePrimitive {
+fn lines(kind: LineType, positions: &[DVec3], color: Color) -> LinePrimitive {
     LinePrimitive {
         r#type: kind.into(),
         pose: Some(foxglove_pose(&Pose::IDENTITY)),
         thickness: 2.0,
         scale_invariant: true,
-        points: places.iter().copied().map(point).collect(),
+        points: positions.iter().copied().map(point).collect(),
         color: Some(color),
         ..Default::default()
     }

@@ -34,34 +34,34 @@ impl LogState {
     /// Returns what is new, gone or changed since the snapshot before.
     pub fn lines_for(&mut self, snapshot: &Snapshot) -> Vec<Line> {
         let mut lines = Vec::new();
-        let mut say = |text: String, is_warning| lines.push(Line { text, is_warning });
+        let mut add = |text: String, is_warning| lines.push(Line { text, is_warning });
         let head = snapshot.head.map(|head| head.translation);
         let scene = snapshot.scene;
         for obstacle in scene.obstacles.iter().filter(|o| !self.obstacles.contains_key(&o.id)) {
             let p = obstacle.position_m;
             let far = head.map_or(String::new(), |head| format!(", {:.2} m from the head", obstacle.distance_m(head)));
-            say(format!("obstacle {} found at ({:.2}, {:.2}, {:.2}) m{far}", obstacle.id, p.x, p.y, p.z), false);
+            add(format!("obstacle {} found at ({:.2}, {:.2}, {:.2}) m{far}", obstacle.id, p.x, p.y, p.z), false);
         }
         for wall in scene.walls.iter().filter(|w| !self.walls.contains_key(&w.id)) {
             let n = wall.plane.outward;
             let towards = format!("({:.2}, {:.2}, {:.2})", n.x, n.y, n.z);
-            say(format!("wall {} found towards {towards} at {:.2} m", wall.id, wall.plane.offset_m), false);
+            add(format!("wall {} found towards {towards} at {:.2} m", wall.id, wall.plane.offset_m), false);
         }
         let obstacles: BTreeMap<u64, DVec3> = scene.obstacles.iter().map(|o| (o.id, o.position_m)).collect();
         let walls: BTreeMap<u64, DVec3> = scene.walls.iter().map(|w| (w.id, w.seen_at.center())).collect();
         for (id, p) in self.obstacles.iter().filter(|(id, _)| !obstacles.contains_key(id)) {
-            say(format!("obstacle {id} gone from ({:.2}, {:.2}, {:.2}) m", p.x, p.y, p.z), false);
+            add(format!("obstacle {id} gone from ({:.2}, {:.2}, {:.2}) m", p.x, p.y, p.z), false);
         }
         for id in self.walls.keys().filter(|id| !walls.contains_key(id)) {
-            say(format!("wall {id} gone"), false);
+            add(format!("wall {id} gone"), false);
         }
         for moving in scene.moving.iter().filter(|m| !self.moving.contains_key(&m.id)) {
             let (range_m, speed) = (moving.range_m, moving.speed_m_per_s);
-            say(format!("moving target {} found {range_m:.2} m ahead at {speed:+.2} m/s", moving.id), false);
+            add(format!("moving target {} found {range_m:.2} m ahead at {speed:+.2} m/s", moving.id), false);
         }
         let moving: BTreeMap<u64, f64> = scene.moving.iter().map(|m| (m.id, m.range_m)).collect();
         for (id, range_m) in self.moving.iter().filter(|(id, _)| !moving.contains_key(id)) {
-            say(format!("moving target {id} lost at {range_m:.2} m"), false);
+            add(format!("moving target {id} lost at {range_m:.2} m"), false);
         }
         (self.obstacles, self.walls, self.moving) = (obstacles, walls, moving);
         let before_s = self.time_offset_s.replace(snapshot.time_offset_s);
@@ -69,7 +69,7 @@ impl LogState {
             before_s.filter(|before_s| (snapshot.time_offset_s - before_s).abs() > MIN_OFFSET_CHANGE_S)
         {
             let (now, before) = (snapshot.time_offset_s * 1e3, before_s * 1e3);
-            say(format!("time offset set to {now:+.2} ms, before {before:+.2} ms"), false);
+            add(format!("time offset set to {now:+.2} ms, before {before:+.2} ms"), false);
         }
         let (now, then) = (snapshot.counted, std::mem::replace(&mut self.counted, snapshot.counted));
         let left_out = [
@@ -78,7 +78,7 @@ impl LogState {
             ("poses", now.poses_left_out, then.poses_left_out),
         ];
         for (what, now, then) in left_out.into_iter().filter(|(_, now, then)| now > then) {
-            say(format!("{} {what} left out, {now} so far", now - then), true);
+            add(format!("{} {what} left out, {now} so far", now - then), true);
         }
         if lines.len() > MAX_LINES {
             let more = lines.len() - MAX_LINES;

@@ -63,8 +63,8 @@ fn line(dots: &mut Vec<Dot>, corners: &[DVec3], id: u64, rgba: [u8; 4]) {
     for pair in corners.windows(2) {
         let steps =
             ((pair[0].distance(pair[1]) / DOT_SPACING_M).ceil().max(1.0) as usize).min(MAX_DOTS_PER_LINE - taken);
-        let place = |n: usize| pair[0].lerp(pair[1], n as f64 / steps.max(1) as f64).as_vec3();
-        dots.extend((0..steps).map(|n| Dot { place: place(n), value: id as f32, rgba }));
+        let position = |n: usize| pair[0].lerp(pair[1], n as f64 / steps.max(1) as f64).as_vec3();
+        dots.extend((0..steps).map(|n| Dot { position: position(n), value: id as f32, rgba }));
         taken += steps;
     }
 }
@@ -76,8 +76,8 @@ fn circles(dots: &mut Vec<Dot>, obstacle: &Obstacle) {
         for n in 0..DOTS_PER_CIRCLE {
             let turn = DQuat::from_axis_angle(axis, f64::from(n) / f64::from(DOTS_PER_CIRCLE) * TAU);
             let on_circle = turn * DVec3::new(axis.z + axis.y, axis.x, 0.0) * radii_m;
-            let place = pose.transform_point(on_circle).as_vec3();
-            dots.push(Dot { place, value: obstacle.id as f32, rgba: UNCERTAINTY });
+            let position = pose.transform_point(on_circle).as_vec3();
+            dots.push(Dot { position, value: obstacle.id as f32, rgba: UNCERTAINTY });
         }
     }
 }
@@ -90,8 +90,8 @@ mod tests {
     fn dots_lie_on_the_line_with_bounded_spacing_and_count() {
         let mut dots = Vec::new();
         line(&mut dots, &[DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y], 3, WALL);
-        assert!(dots.windows(2).all(|pair| pair[0].place.distance(pair[1].place) <= DOT_SPACING_M as f32 + 1e-6));
-        assert!(dots.iter().all(|dot| dot.place.y == 0.0 || (dot.place.x - 1.0).abs() < 1e-6));
+        assert!(dots.windows(2).all(|pair| pair[0].position.distance(pair[1].position) <= DOT_SPACING_M as f32 + 1e-6));
+        assert!(dots.iter().all(|dot| dot.position.y == 0.0 || (dot.position.x - 1.0).abs() < 1e-6));
         dots.clear();
         line(&mut dots, &[DVec3::ZERO, DVec3::X * 1e9, DVec3::Y], 3, WALL);
         assert_eq!(dots.len(), MAX_DOTS_PER_LINE);

@@ -191,8 +191,8 @@ fn put<M: Encode>(
 fn shape_dots(scene: &Scene) -> Vec<Dot> {
     let dots = scene.obstacles.iter().flat_map(|obstacle| {
         let alone = obstacle.shape.is_empty().then_some(obstacle.position_m);
-        let places = obstacle.shape.iter().map(|voxel| voxel.0).chain(alone);
-        places.map(|place| Dot { place: place.as_vec3(), value: obstacle.id as f32, rgba: OBSTACLE })
+        let positions = obstacle.shape.iter().map(|voxel| voxel.0).chain(alone);
+        positions.map(|position| Dot { position: position.as_vec3(), value: obstacle.id as f32, rgba: OBSTACLE })
     });
     dots.take(MAX_POINTS).collect()
 }
@@ -202,7 +202,7 @@ fn evidence_dots(snapshot: &Snapshot) -> Vec<Dot> {
     let voxels = &snapshot.evidence.voxels[..snapshot.evidence.voxels.len().min(MAX_EVIDENCE)];
     let (least, top) = voxels.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v.1), b.max(v.1)));
     let share = |score: f32| (score - least) / (top - least).max(f32::MIN_POSITIVE);
-    voxels.iter().map(|&(place, score)| Dot { place, value: score, rgba: heat(share(score)) }).collect()
+    voxels.iter().map(|&(position, score)| Dot { position, value: score, rgba: heat(share(score)) }).collect()
 }
 
 #[cfg(test)]

@@ -64,7 +64,7 @@ impl Hands {
     /// Positions of the left and right palm.
     pub fn palms_at(&self, player: &Player, time_s: f64) -> [DVec3; 2] {
         let torso = Torso::at(player, time_s);
-        self.0.each_ref().map(|hand| torso.place(hand.shoulder() + hand.reach_m(time_s)))
+        self.0.each_ref().map(|hand| torso.tracking_point(hand.shoulder() + hand.reach_m(time_s)))
     }
 
     /// Scatterers of both hands.
@@ -86,7 +86,7 @@ impl Torso {
         Self { head_m: player.head_at(time_s).translation, turn: DQuat::from_rotation_y(yaw_rad) }
     }
 
-    fn place(&self, from_head_m: DVec3) -> DVec3 {
+    fn tracking_point(&self, from_head_m: DVec3) -> DVec3 {
         self.head_m + self.turn * from_head_m
     }
 }
@@ -142,7 +142,7 @@ impl Hand {
         ];
         let mut phases = self.phases_rad.into_iter();
         parts.map(|(at, rcs_dbsm)| Scatterer {
-            position_m: torso.place(at),
+            position_m: torso.tracking_point(at),
             rcs_dbsm,
             lobe: DVec3::ZERO,
             phase_rad: phases.next().unwrap_or(0.0),

@@ -114,13 +114,13 @@ impl PlaySession {
         let player = Player::new(&room, end_s, &mut rng(0x0F00_0002));
         let hands = self.hands.then(|| Hands::new(end_s, &mut rng(0x0F00_0003)));
         let visitor = self.visitor.then(|| Visitor::new(&room, &player, self.duration_s, &mut rng(0x0F00_0004)));
-        let removed = room.things.iter().position(|thing| thing.name == REMOVED_CHAIR);
+        let removed = room.things.iter().position(|object| object.name == REMOVED_CHAIR);
         let mut after = room.clone();
         removed.map(|index| after.things.remove(index));
         let random = random_tracking_from_room(&mut rng(0x0F00_0005));
         let tracking_from_room = if self.axis_aligned { Pose::IDENTITY } else { random };
         Ok(Session {
-            things: room.things.iter().map(|thing| thing.moved(&tracking_from_room)).collect(),
+            things: room.things.iter().map(|object| object.moved(&tracking_from_room)).collect(),
             walls: room.walls.iter().map(|panel| SessionWall::new(panel, &tracking_from_room)).collect(),
             tracking_from_room,
             removed_s: 0.5 * self.duration_s,
@@ -172,8 +172,8 @@ impl SessionWall {
     }
 
     /// Distance from a point to the wall's extent, metres.
-    pub fn distance_m(&self, place: DVec3) -> f64 {
-        self.panel.extent.distance(self.room_from_tracking.transform_point(place))
+    pub fn distance_m(&self, point: DVec3) -> f64 {
+        self.panel.extent.distance(self.room_from_tracking.transform_point(point))
     }
 }
 
@@ -239,8 +239,8 @@ impl Session {
     }
 
     /// Whether a point is in the beam, by amplitude and distance.
-    pub fn is_in_beam(&self, tracking_from_sensor: &Pose, place: DVec3) -> bool {
-        let to = place - tracking_from_sensor.translation;
+    pub fn is_in_beam(&self, tracking_from_sensor: &Pose, point: DVec3) -> bool {
+        let to = point - tracking_from_sensor.translation;
         let cos = to.normalize_or_zero().dot(tracking_from_sensor.forward());
         to.length() <= IN_BEAM_M && self.play.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
     }
@@ -371,18 +371,18 @@ mod tests {
         let session = session(1, 120.0);
         let times: Vec<f64> = (0..1200).map(|n| f64::from(n) * 0.1).collect();
         let level = |a: DVec3, b: DVec3| DVec3::new(a.x - b.x, 0.0, a.z - b.z).length();
-        let things = session.things();
-        let near = things.iter().filter(|thing| {
+        let objects = session.things();
+        let near = objects.iter().filter(|session_object| {
             let nearest = |t: &f64| {
                 let head = session.head_at(*t).translation;
-                thing.thing.scatterers.iter().map(|s| level(s.position_m, head)).fold(f64::INFINITY, f64::min)
+                session_object.thing.scatterers.iter().map(|s| level(s.position_m, head)).fold(f64::INFINITY, f64::min)
             };
             times.iter().map(nearest).fold(f64::INFINITY, f64::min) < 0.5
         });
         assert!(near.count() >= 3);
         let there: Vec<bool> = times.iter().map(|t| !session.visitor_at(*t).is_empty()).collect();
         assert_eq!(there.windows(2).filter(|w| !w[0] && w[1]).count(), 2);
-        let gone = session.things().iter().filter(|thing| thing.until_s == 60.0).count();
+        let gone = session.things().iter().filter(|session_object| session_object.until_s == 60.0).count();
         assert_eq!(gone, 1);
     }
 
@@ -392,19 +392,20 @@ mod tests {
         let turned_rad = session.tracking_from_room.rotation.to_scaled_axis();
         assert!(turned_rad.x.hypot(turned_rad.z) < 1e-12 && turned_rad.y.abs() > 0.01, "{turned_rad}");
         for time_s in [0.0, 7.3, 15.0] {
-            let (told, room) = (session.sensor_at(time_s), session.sensor_in_room(time_s));
-            let told_things = session.things().into_iter().flat_map(|thing| &thing.thing.scatterers);
-            for (there, here) in told_things.zip(session.before.scatterers()) {
+            let (tracked, room) = (session.sensor_at(time_s), session.sensor_in_room(time_s));
+            let tracked_scatterers =
+                session.things().into_iter().flat_map(|session_object| &session_object.thing.scatterers);
+            for (there, here) in tracked_scatterers.zip(session.before.scatterers()) {
                 let towards = |from: &Pose, to: &Scatterer| {
                     let way = to.position_m - from.translation;
                     DVec3::new(way.length(), way.normalize().dot(from.forward()), to.rcs_towards_dbsm(-way.normalize()))
                 };
-                assert!(towards(&told, there).distance(towards(&room, here)) < 1e-9);
+                assert!(towards(&tracked, there).distance(towards(&room, here)) < 1e-9);
             }
             for (wall, panel) in session.walls().iter().zip(&session.before.walls) {
-                let away_m = wall.plane.distance(told.translation);
+                let away_m = wall.plane.distance(tracked.translation);
                 assert!((away_m - panel.plane.distance(room.translation)).abs() < 1e-9);
-                assert!((wall.distance_m(told.translation) - panel.extent.distance(room.translation)).abs() < 1e-9);
+                assert!((wall.distance_m(tracked.translation) - panel.extent.distance(room.translation)).abs() < 1e-9);
             }
         }
     }

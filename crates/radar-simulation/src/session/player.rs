@@ -88,23 +88,23 @@ struct Ground {
     /// Scatterers of all objects, at floor level, metres.
     parts: Vec<DVec3>,
     /// The same, by object.
-    things: Vec<Vec<DVec3>>,
+    objects: Vec<Vec<DVec3>>,
     half: DVec3,
 }
 
 impl Ground {
     fn new(room: &Room) -> Self {
         let level = |p: DVec3| DVec3::new(p.x, 0.0, p.z);
-        let things: Vec<Vec<DVec3>> =
+        let objects: Vec<Vec<DVec3>> =
             room.things.iter().map(|t| t.scatterers.iter().map(|s| level(s.position_m)).collect()).collect();
         let half = room.walls.iter().map(|wall| wall.extent.max).fold(DVec3::ZERO, DVec3::max);
-        Self { parts: things.concat(), things, half }
+        Self { parts: objects.concat(), objects, half }
     }
 
     /// Distance from a body's axis to the nearest scatterer or wall, metres.
-    fn clearance_m(&self, place: DVec3) -> f64 {
-        let level = DVec3::new(place.x, 0.0, place.z);
-        let walls_m = (self.half.x - place.x.abs()).min(self.half.z - place.z.abs());
+    fn clearance_m(&self, point: DVec3) -> f64 {
+        let level = DVec3::new(point.x, 0.0, point.z);
+        let walls_m = (self.half.x - point.x.abs()).min(self.half.z - point.z.abs());
         self.parts.iter().map(|p| p.distance(level)).fold(walls_m, f64::min)
     }
 
@@ -117,13 +117,13 @@ impl Ground {
 fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
     let crouch = rng.random_range(0.0..1.0) < 0.12;
     let height_m = if crouch { rng.random_range(1.0..1.3) } else { rng.random_range(1.55..1.72) };
-    let position_m = next_place(last, height_m, ground, rng);
+    let position_m = next_position(last, height_m, ground, rng);
     let way = position_m - last.position_m;
     // Players look roughly in the direction of their steps; while standing they look around;
     // sometimes they step without looking.
     let steps = DVec3::new(way.x, 0.0, way.z).length() > LOOK_AHEAD_STEP_M;
-    let looks = rng.random_range(0.0..1.0) >= STEP_WITHOUT_LOOKING_SHARE;
-    let turn_rad = match steps && looks {
+    let faces_step = rng.random_range(0.0..1.0) >= STEP_WITHOUT_LOOKING_SHARE;
+    let turn_rad = match steps && faces_step {
         true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
         false => rng.random_range(-1.6..1.6),
     };
@@ -135,7 +135,7 @@ fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
     Stance { from_s, until_s, position_m, yaw_rad: last.yaw_rad + turn_rad, pitch_rad }
 }
 
-fn next_place(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rng) -> DVec3 {
+fn next_position(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rng) -> DVec3 {
     let kind = rng.random_range(0.0..1.0);
     for _ in 0..30 {
         let somewhere = DVec3::new(
@@ -143,8 +143,8 @@ fn next_place(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rn
             height_m,
             rng.random_range(-PLAY_HALF_M..PLAY_HALF_M),
         );
-        let to = if kind < NEAR_OBJECT_SHARE && !ground.things.is_empty() {
-            let parts = &ground.things[rng.random_range(0..ground.things.len())];
+        let to = if kind < NEAR_OBJECT_SHARE && !ground.objects.is_empty() {
+            let parts = &ground.objects[rng.random_range(0..ground.objects.len())];
             // At a random distance from the part that is nearest to a random position.
             let level = DVec3::new(somewhere.x, 0.0, somewhere.z);
             let nearest = parts.iter().copied().min_by(|a, b| a.distance(level).total_cmp(&b.distance(level)));

@@ -67,12 +67,11 @@ pub(super) fn play_room(rng: &mut ChaCha8Rng) -> Room {
     let first_rad = rng.random_range(0.0..TAU);
     let mut draw = Draw(ChaCha8Rng::clone(rng));
     let count = kinds.len() as f64;
-    let things = kinds.iter().enumerate().map(|(n, &kind)| {
+    let objects = kinds.iter().enumerate().map(|(n, &kind)| {
         let angle_rad = first_rad + TAU * (n as f64 + draw.uniform(-0.15, 0.15)) / count;
-        thing(&mut draw, kind, angle_rad, [width_m, depth_m])
+        furniture(&mut draw, kind, angle_rad, [width_m, depth_m])
     });
-    let things = things.collect();
-    Room { things, walls: room_walls(width_m, depth_m, 2.5) }
+    Room { things: objects.collect(), walls: room_walls(width_m, depth_m, 2.5) }
 }
 
 fn shuffle<T>(items: &mut [T], rng: &mut ChaCha8Rng) {
@@ -82,7 +81,7 @@ fn shuffle<T>(items: &mut [T], rng: &mut ChaCha8Rng) {
 }
 
 /// An object in a direction from the centre, with its front towards the centre.
-fn thing(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 2]) -> SceneObject {
+fn furniture(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 2]) -> SceneObject {
     let ahead = DVec3::new(math::sin(angle_rad), 0.0, -math::cos(angle_rad));
     // With this yaw the front (−z) of an object faces the centre.
     let yaw = std::f64::consts::PI - angle_rad;
@@ -98,7 +97,7 @@ fn thing(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 
         on_wall - outward * m
     };
     let from_wall_yaw = math::atan2(outward.x, outward.z);
-    let named = |name: &str, thing: SceneObject| SceneObject { name: name.into(), ..thing };
+    let named = |name: &str, furniture: SceneObject| SceneObject { name: name.into(), ..furniture };
     match kind {
         Kind::MetalChair => chair(draw, "chair", at_ring, turned, METAL_CHAIR),
         Kind::SoftChair => chair(draw, "soft chair", at_ring, turned, PLASTIC_CHAIR),

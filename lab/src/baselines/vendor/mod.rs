@@ -6,7 +6,7 @@
 //! What exceeds the noise of calibration sweeps (`threshold`) is extracted peak by peak (`peaks`)
 //! and tracked over updates (`tracks`). The detector needs no poses, and its limits follow from
 //! that: one speed per window; only the angle to the direction of motion, not the direction around
-//! it; nothing while at rest. Written from a description of the algorithm; comments say where the
+//! it; nothing while at rest. Written from a description of the algorithm; comments state where the
 //! description leaves a choice.
 
 mod config;
@@ -108,12 +108,12 @@ pub(super) mod tests {
 
     /// Sweeps of reflectors, from the signal model. Each has a range at the first sweep (m), a
     /// speed (m/s) and an amplitude (LSB).
-    pub fn sweeps(sampling: &Sampling, count: usize, things: &[(f64, f64, f64)], seed: u64) -> Vec<Vec<Complex<i16>>> {
+    pub fn sweeps(sampling: &Sampling, count: usize, objects: &[(f64, f64, f64)], seed: u64) -> Vec<Vec<Complex<i16>>> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut noise = move || -> f64 { StandardNormal.sample(&mut rng) };
         let mut sample = |sweep: usize, point: usize| {
             let mut sum = Complex64::new(noise(), noise()) * (NOISE_RMS / 2f64.sqrt());
-            for &(range_m, speed, amplitude) in things {
+            for &(range_m, speed, amplitude) in objects {
                 let at_m = range_m + speed * sweep as f64 / sampling.sweep_rate_hz;
                 let pulse = envelope(sampling.profile.envelope_fwhm_m(), sampling.axis.range_m(point) - at_m);
                 sum += math::from_polar(amplitude * pulse, PHASE_RAD_PER_M * at_m);
@@ -133,9 +133,9 @@ pub(super) mod tests {
         for (seed, (range_m, speed)) in [(0.3, -0.3), (0.4, 0.21), (0.5, -0.05), (0.35, -0.48)].into_iter().enumerate()
         {
             let (mut detector, sampling) = detector();
-            let look = detector.push(&sweeps(&sampling, 16, &[(range_m, speed, 500.0)], seed as u64)).unwrap();
-            assert_eq!(look.reflections.len(), 1, "{:?}", look.reflections);
-            let found = look.reflections[0];
+            let window = detector.push(&sweeps(&sampling, 16, &[(range_m, speed, 500.0)], seed as u64)).unwrap();
+            assert_eq!(window.reflections.len(), 1, "{:?}", window.reflections);
+            let found = window.reflections[0];
             let middle_m = range_m + speed * 7.5 / sampling.sweep_rate_hz;
             assert!((found.distance_m - middle_m).abs() < 3e-3, "{found:?} {middle_m}");
             assert!((found.velocity_m_per_s - speed).abs() < 2e-3, "{found:?} {speed}");
@@ -146,19 +146,19 @@ pub(super) mod tests {
     fn noise_gives_few_false_alarms() {
         let (mut detector, sampling) = detector();
         let all = sweeps(&sampling, 16 * 200, &[], 5);
-        let looks: Vec<_> = all.chunks(16).filter_map(|sweeps| detector.push(sweeps)).collect();
-        let alarms: usize = looks.iter().map(|look| look.reflections.len()).sum();
+        let windows: Vec<_> = all.chunks(16).filter_map(|sweeps| detector.push(sweeps)).collect();
+        let alarms: usize = windows.iter().map(|window| window.reflections.len()).sum();
         // Five standard deviations of complex noise: e^−25 in each of 16 bins at about 20
         // independent ranges.
-        assert_eq!((looks.len(), alarms), (200, 0));
+        assert_eq!((windows.len(), alarms), (200, 0));
     }
 
     #[test]
     fn reflectors_at_one_range_separate_by_speed_only() {
         let (mut detector, sampling) = detector();
         let apart = sweeps(&sampling, 16, &[(0.4, -0.3, 500.0), (0.4, 0.2, 400.0)], 3);
-        let look = detector.push(&apart).unwrap();
-        let mut speeds: Vec<f64> = look.reflections.iter().map(|r| r.velocity_m_per_s).collect();
+        let window = detector.push(&apart).unwrap();
+        let mut speeds: Vec<f64> = window.reflections.iter().map(|r| r.velocity_m_per_s).collect();
         speeds.sort_by(f64::total_cmp);
         assert!(speeds.len() == 2 && (speeds[0] + 0.3).abs() < 0.01 && (speeds[1] - 0.2).abs() < 0.01, "{speeds:?}");
         let (mut detector, _) = self::detector();
@@ -172,9 +172,9 @@ pub(super) mod tests {
         let all = sweeps(&sampling, 32, &[(0.45, -0.3, 500.0)], 1);
         assert!(detector.push(&all[..8]).is_none());
         assert!(detector.push(&[vec![Complex::new(0, 0); 3]]).is_none());
-        let looks: Vec<_> = all[8..].chunks(8).filter_map(|sweeps| detector.push(sweeps)).collect();
-        assert_eq!(looks.len(), 3);
-        let track = looks[2].tracks[0];
+        let windows: Vec<_> = all[8..].chunks(8).filter_map(|sweeps| detector.push(sweeps)).collect();
+        assert_eq!(windows.len(), 3);
+        let track = windows[2].tracks[0];
         assert!(track.detections == 3 && (track.velocity_m_per_s + 0.3).abs() < 0.01, "{track:?}");
     }
 

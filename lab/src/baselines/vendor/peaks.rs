@@ -15,9 +15,10 @@ use super::threshold::Thresholds;
 use a121::Profile;
 use radar_sar::math;
 
-/// Limit of the peaks per window.
+/// Limit of the peaks per window. Choice: more objects than scenes hold; bounds the work on noise.
 const MAX_REFLECTIONS: usize = 10;
-/// Peaks closer than this in range and speed are merged.
+/// Peaks closer than this in range, metres, and speed, m/s, are merged (source: the vendor's
+/// description).
 const MERGE_M: f64 = 0.05;
 const MERGE_M_PER_S: f64 = 0.05;
 
@@ -36,16 +37,16 @@ pub struct Reflection {
 pub(super) fn peaks(spectrum: &RangeVelocity, thresholds: &Thresholds, profile: Profile) -> Vec<Reflection> {
     let (bins, ranges) = (spectrum.bins.len(), spectrum.axis.points);
     let magnitude = |(bin, range): (usize, usize)| math::norm(spectrum.bins[bin][range]);
-    let places: Vec<(usize, usize)> = (0..bins).flat_map(|bin| (0..ranges).map(move |range| (bin, range))).collect();
-    let mut excess: Vec<f64> = places.iter().map(|&at| magnitude(at) - thresholds.at(at.0, at.1)).collect();
+    let cells: Vec<(usize, usize)> = (0..bins).flat_map(|bin| (0..ranges).map(move |range| (bin, range))).collect();
+    let mut excess: Vec<f64> = cells.iter().map(|&at| magnitude(at) - thresholds.at(at.0, at.1)).collect();
     let mut found = Vec::new();
     while found.len() < MAX_REFLECTIONS {
-        let Some(best) = (0..places.len()).max_by(|&a, &b| excess[a].total_cmp(&excess[b])) else { break };
+        let Some(best) = (0..cells.len()).max_by(|&a, &b| excess[a].total_cmp(&excess[b])) else { break };
         // Also stops at NaN.
         if excess[best].total_cmp(&0.0).is_le() || !excess[best].is_finite() {
             break;
         }
-        let (bin, range) = places[best];
+        let (bin, range) = cells[best];
         let fine_range = range as f64
             + parabola(
                 &[-1, 0, 1]
@@ -60,7 +61,7 @@ pub(super) fn peaks(spectrum: &RangeVelocity, thresholds: &Thresholds, profile: 
         // Magnitude of the tone at its own speed, between the bins.
         let whole = magnitude((bin, range)) / side_lobe(bin as f64 - fine_bin, bins).max(0.5);
         let reach = 2.0 * profile.envelope_fwhm_m() / spectrum.axis.step_m;
-        for (&(b, n), excess) in places.iter().zip(&mut excess) {
+        for (&(b, n), excess) in cells.iter().zip(&mut excess) {
             let triangle = 1.0 - (n as f64 - fine_range).abs() / reach;
             if triangle > 0.0 {
                 *excess -= whole * triangle * bound(b as f64 - fine_bin, bins);

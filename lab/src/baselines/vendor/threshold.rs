@@ -6,9 +6,10 @@ use num_complex::Complex64;
 
 use radar_sar::math;
 
-/// Threshold over the noise, standard deviations.
+/// Threshold over the noise, standard deviations (source: the vendor's description).
 const NOISE_SIGMAS: f64 = 5.0;
-/// Additional threshold in bin 0, in means of the stationary echoes.
+/// Additional threshold in bin 0, in means of the stationary echoes (source: the vendor's
+/// description).
 const STATIC_MEANS: f64 = 2.0;
 
 /// Thresholds of the magnitude of the spectrum.

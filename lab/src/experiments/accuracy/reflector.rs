@@ -53,7 +53,7 @@ const fn trial(motion: &'static str, sweeps: usize, snr_db: f64) -> ReflectorTri
 }
 
 /// Maximum number of seeds that the bound is averaged over when all sweeps are used: one takes a
-/// second.
+/// second. Choice: at most twenty seconds a trial.
 const BOUND_SEEDS: u64 = 20;
 
 /// A kind of tracking error.

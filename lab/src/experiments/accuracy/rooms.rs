@@ -12,6 +12,8 @@ use radar_mapping::Mapper;
 use radar_mapping::in_time_order;
 use radar_simulation::{Scenario, ScenarioError};
 
+/// Length of a session, seconds. Choice: as in the study that chose the method, so that figures can
+/// be compared.
 const DURATION_S: f64 = 30.0;
 /// Minimum time in the beam before an object counts, seconds: as in play sessions.
 const SEEN_S: f64 = 0.75;

@@ -110,9 +110,9 @@ mod tests {
         let mut cases: Vec<Case> = searches.map(case).to_vec();
         cases.push(Case { refined: true, ..case(Search::Peak) });
         let benchmark = Benchmark::new(Plan { cases, seeds: 3, oracle_seeds: 3, rolling_seeds: 1 }).unwrap();
-        let mut told = 0;
-        let rows = benchmark.run(|_| told += 1).unwrap();
-        assert_eq!(told, 5);
+        let mut reported = 0;
+        let rows = benchmark.run(|_| reported += 1).unwrap();
+        assert_eq!(reported, 5);
         let [dense, adaptive, peak, oracle, refined] = rows.as_slice() else { panic!("a row a case") };
         for other in [adaptive, peak, oracle] {
             assert_eq!((dense.error_m, dense.error_p95_m), (other.error_m, other.error_p95_m));

@@ -99,7 +99,8 @@ pub struct Plan {
 /// Statistics of the benchmark. Not `subaperture`: it needs a faster sensor than the preset `fine`.
 const STATISTICS: [Statistic; 5] =
     [Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
-/// Dense volumes with more updates are left out to save time. The second limit applies to `ls`.
+/// Dense volumes with more updates are left out; the second limit applies to `ls`. Choice: bounds
+/// the run time, with a second a case for `ls`, whose dense and adaptive costs are compared.
 const MAX_DENSE_UPDATES: f64 = 3e7;
 const MAX_DENSE_UPDATES_LS: f64 = 4e8;
 

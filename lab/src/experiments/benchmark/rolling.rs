@@ -38,7 +38,7 @@ fn rolling(case: &Case, recorded: &TrialRecording, samples: &mut Samples) -> Res
         let start = Instant::now();
         // A refused sweep is counted by the image and does not change it.
         let taken = image.push(observation).is_ok();
-        let place = image.peak().map(|peak| peak.0);
+        let position = image.peak().map(|peak| peak.0);
         let time_s = start.elapsed().as_secs_f64();
         if n < case.sweeps || !taken {
             continue;
@@ -48,7 +48,7 @@ fn rolling(case: &Case, recorded: &TrialRecording, samples: &mut Samples) -> Res
         let updates = work.updates - before.updates;
         let bounds = work.bounds - before.bounds;
         if n % COMPARE_EVERY_SWEEPS == 0 {
-            let error_m = place.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m));
+            let error_m = position.map_or(f64::INFINITY, |position| position.distance(recorded.truth_m));
             samples.push(Sample { error_m, updates, bounds });
         }
     }
@@ -67,12 +67,12 @@ fn fresh(case: &Case, recorded: &TrialRecording, samples: &mut Samples) {
         let mut stack = SweepStack::new(case.statistic, &BEAM, &geometries, grid.middle_m(), window.len(), step);
         let filled = window.iter().enumerate().filter(|(slot, o)| stack.fill(*slot, o).is_ok()).count();
         let found = search(&stack, &grid, Threshold::ShareOfPeak(RollingSettings::default().share_of_peak as f32));
-        let place = found.peak().map(|(index, _)| center(&grid, index));
+        let position = found.peak().map(|(index, _)| center(&grid, index));
         samples.times_s.push(start.elapsed().as_secs_f64());
         if filled < window.len() {
             continue;
         }
-        let error_m = place.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m));
+        let error_m = position.map_or(f64::INFINITY, |position| position.distance(recorded.truth_m));
         samples.push(Sample { error_m, updates: found.work.updates, bounds: found.work.bounds });
     }
 }

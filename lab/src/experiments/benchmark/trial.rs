@@ -14,10 +14,11 @@ use radar_sar::{Beam, Observation};
 use radar_sar::{Oracle, PositionErrors, RangePower, oracle_volume, refine};
 
 pub(super) const BEAM: Beam = Beam::Lensless;
-/// Minimum range used by the refinement, metres: nearer lies the antenna's own leakage.
+/// Minimum range used by the refinement, metres: nearer lies the antenna's own leakage. Choice:
+/// nearer lies the antenna's own leakage.
 const MIN_RANGE_M: f64 = 0.15;
 /// A case is repeated up to this many times per recording, until it has run for `MAX_REPEAT_S`
-/// seconds. Choice.
+/// seconds. Choice: short cases need the minimum of several runs, long ones vary little.
 const MAX_REPEATS: usize = 5;
 const MAX_REPEAT_S: f64 = 0.05;
 
@@ -40,7 +41,7 @@ pub(super) fn samples(case: &Case, recorded: &[TrialRecording]) -> Samples {
             samples.times_s.push(start.elapsed().as_secs_f64());
             if repeat == 0 {
                 samples.push(Sample {
-                    error_m: imaged.place_m.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m)),
+                    error_m: imaged.position_m.map_or(f64::INFINITY, |position| position.distance(recorded.truth_m)),
                     updates: imaged.updates,
                     bounds: imaged.bounds,
                 });
@@ -64,41 +65,41 @@ fn choose(case: &Case, recorded: &TrialRecording, region: &Aabb) -> Vec<Observat
 /// Result of one trial.
 struct TrialResult {
     /// `None`: nothing found.
-    place_m: Option<DVec3>,
+    position_m: Option<DVec3>,
     updates: u64,
     bounds: u64,
 }
 
 /// The timed part: range tables, volume or search, peak, and refinement if the case has one.
 fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
-    let mut imaged = search_place(case, sweeps, region);
+    let mut imaged = search_position(case, sweeps, region);
     if case.refined {
-        imaged.place_m = imaged.place_m.map(|place| {
+        imaged.position_m = imaged.position_m.map(|position| {
             let power = RangePower::new(sweeps, &BEAM, MIN_RANGE_M);
             // Where too few sweeps see the point, the voxel's centre stays.
-            refine(&power, place, None, &PositionErrors::default()).map_or(place, |refined| refined.position_m)
+            refine(&power, position, None, &PositionErrors::default()).map_or(position, |refined| refined.position_m)
         });
     }
     imaged
 }
 
-fn search_place(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
+fn search_position(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
     let grid = BrickGrid::covering(region, case.voxel_m);
     let dense_updates = (grid.voxels() * sweeps.len()) as u64;
     if case.search == Search::Oracle {
         let oracle = Oracle::new(sweeps, &BEAM, &SubapertureSettings::default());
         let volume = oracle_volume(&oracle, case.statistic, region, case.voxel_m);
-        return TrialResult { place_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
+        return TrialResult { position_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
     }
     let (stack, _) = SweepStack::of(case.statistic, &BEAM, sweeps, grid.middle_m());
     if case.search == Search::Dense {
         let dense = dense_volume(&stack, &grid);
-        return TrialResult { place_m: peak(&dense.volume.values, &grid), updates: dense.updates, bounds: 0 };
+        return TrialResult { position_m: peak(&dense.volume.values, &grid), updates: dense.updates, bounds: 0 };
     }
     let share = if case.search == Search::Peak { 1.0 } else { 0.5 };
     let found = search(&stack, &grid, Threshold::ShareOfPeak(share));
-    let place_m = found.peak().map(|(index, _)| center(&grid, index));
-    TrialResult { place_m, updates: found.work.updates, bounds: found.work.bounds }
+    let position_m = found.peak().map(|(index, _)| center(&grid, index));
+    TrialResult { position_m, updates: found.work.updates, bounds: found.work.bounds }
 }
 
 /// Centre of the greatest voxel; the first of equals, as in the adaptive search.

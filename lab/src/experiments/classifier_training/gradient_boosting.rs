@@ -52,8 +52,8 @@ pub(super) struct BoostSettings {
 /// there are no trees.
 pub(super) fn boost<const N: usize>(rows: &[LabelledFeatures<N>], settings: &BoostSettings) -> (f64, Vec<FittedTree>) {
     let total: f64 = rows.iter().map(|row| row.weight).sum();
-    let things: f64 = rows.iter().filter(|row| row.is_object).map(|row| row.weight).sum();
-    let prior = math::ln(things / (total - things));
+    let objects: f64 = rows.iter().filter(|row| row.is_object).map(|row| row.weight).sum();
+    let prior = math::ln(objects / (total - objects));
     if !prior.is_finite() {
         return (prior, Vec::new());
     }
@@ -223,9 +223,9 @@ mod tests {
 
     /// Labels that depend on both features together and on neither alone.
     fn checkerboard() -> Vec<LabelledFeatures<2>> {
-        let place = |n: usize| [(n % 20) as f64 / 10.0 - 0.95, (n / 20) as f64 / 10.0 - 0.9];
+        let point = |n: usize| [(n % 20) as f64 / 10.0 - 0.95, (n / 20) as f64 / 10.0 - 0.9];
         (0..380)
-            .map(place)
+            .map(point)
             .map(|features| LabelledFeatures { features, is_object: features[0] * features[1] > 0.0, weight: 1.0 })
             .collect()
     }

@@ -20,9 +20,11 @@ use radar_simulation::{PlaySession, Session};
 /// A detection nearer than this to a scatterer belongs to its object, metres. Choice: the play
 /// scorer uses the same limit.
 const OBJECT_RADIUS_M: f64 = 0.25;
-/// Detections within this of each other are the same place, metres. Choice.
+/// Detections within this of each other are one object, metres. Choice: wider than detections
+/// of one part scatter, which must not count as independent.
 const MERGE_RADIUS_M: f64 = 0.25;
-/// Weight of a detection on a surface relative to one where nothing is. Choice.
+/// Weight of a detection on a surface relative to one where nothing is. Choice: a point on a wall
+/// is no obstacle of its own, yet nobody is misled by it as by one in free space.
 const SURFACE_WEIGHT: f64 = 0.3;
 /// Hyperparameters. The number of trees is the largest that still improved rooms held out of the
 /// training.
@@ -44,12 +46,12 @@ impl TrainingSet {
     pub fn of(trial: &PlayTrial, seeds: &[u64]) -> Result<Self, PlayError> {
         let of_seed = |&seed: &u64| -> Result<_, PlayError> {
             let session = PlaySession { seed, ..trial.session.clone() }.prepare()?;
-            let mut places = Vec::new();
+            let mut candidates = Vec::new();
             for_each_update(&session, trial, |time_s, weighed| {
                 let new = weighed.iter().filter(|weighed| weighed.may_be_new);
-                places.extend(new.map(|weighed| (weighed.clone(), true_class(&session, time_s, weighed))));
+                candidates.extend(new.map(|weighed| (weighed.clone(), true_class(&session, time_s, weighed))));
             });
-            Ok(rows(&places))
+            Ok(rows(&candidates))
         };
         let of_seeds: Vec<_> = seeds.par_iter().map(of_seed).collect::<Result<_, _>>()?;
         Ok(Self { rows: of_seeds.concat() })
@@ -103,8 +105,8 @@ impl TrainingSet {
         let (mut artefacts_below, mut ordered) = (0.0, 0.0);
         for equal in scored.chunk_by(|a, b| a.0 == b.0) {
             let sum = |is_object| equal.iter().filter(|s| s.1.is_object == is_object).map(|s| s.1.weight).sum::<f64>();
-            let (things, artefacts) = (sum(true), sum(false));
-            ordered += things * (artefacts_below + 0.5 * artefacts);
+            let (objects, artefacts) = (sum(true), sum(false));
+            ordered += objects * (artefacts_below + 0.5 * artefacts);
             artefacts_below += artefacts;
         }
         let (things, artefacts) = self.counts();
@@ -134,8 +136,8 @@ enum TrueClass {
 }
 
 fn true_class(session: &Session, time_s: f64, weighed: &ScoredCandidate) -> TrueClass {
-    let there = session.things().into_iter().filter(|thing| time_s < thing.until_s);
-    let parts = there.flat_map(|thing| &thing.thing.scatterers);
+    let there = session.things().into_iter().filter(|object| time_s < object.until_s);
+    let parts = there.flat_map(|object| &object.thing.scatterers);
     let to_thing_m = parts.map(|part| part.position_m.distance(weighed.position_m)).fold(f64::INFINITY, f64::min);
     if to_thing_m <= OBJECT_RADIUS_M {
         TrueClass::Object
@@ -146,26 +148,27 @@ fn true_class(session: &Session, time_s: f64, weighed: &ScoredCandidate) -> True
     }
 }
 
-/// Rows of one session: a place detected n times counts √n times.
-fn rows(places: &[(ScoredCandidate, TrueClass)]) -> Vec<LabelledFeatures<{ FEATURES.len() }>> {
+/// Rows of one session: an object detected n times counts √n times.
+fn rows(candidates: &[(ScoredCandidate, TrueClass)]) -> Vec<LabelledFeatures<{ FEATURES.len() }>> {
     let mut middles: Vec<(DVec3, TrueClass, usize)> = Vec::new();
-    let mut middle_of = |place: DVec3, what: TrueClass| {
-        let is_same =
-            |(middle, other, _): &(DVec3, TrueClass, usize)| *other == what && middle.distance(place) < MERGE_RADIUS_M;
+    let mut middle_of = |position: DVec3, what: TrueClass| {
+        let is_same = |(middle, other, _): &(DVec3, TrueClass, usize)| {
+            *other == what && middle.distance(position) < MERGE_RADIUS_M
+        };
         let at = middles.iter().position(is_same).unwrap_or_else(|| {
-            middles.push((place, what, 0));
+            middles.push((position, what, 0));
             middles.len() - 1
         });
         middles[at].2 += 1;
         at
     };
-    let of_middle: Vec<usize> = places.iter().map(|(weighed, what)| middle_of(weighed.position_m, *what)).collect();
+    let of_middle: Vec<usize> = candidates.iter().map(|(weighed, what)| middle_of(weighed.position_m, *what)).collect();
     let row = |((weighed, what), at): (&(ScoredCandidate, TrueClass), &usize)| LabelledFeatures {
         features: weighed.features,
         is_object: *what == TrueClass::Object,
         weight: if *what == TrueClass::Surface { SURFACE_WEIGHT } else { 1.0 } / (middles[*at].2 as f64).sqrt(),
     };
-    places.iter().zip(&of_middle).map(row).collect()
+    candidates.iter().zip(&of_middle).map(row).collect()
 }
 
 #[cfg(test)]

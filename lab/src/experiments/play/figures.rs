@@ -142,9 +142,11 @@ pub struct Rates {
 }
 
 impl Rates {
-    /// Distance that counts as near the body, metres. Choice.
+    /// Distance that counts as near the body, metres. Choice: an arm's reach and a step's
+    /// beginning: what a warning is for.
     pub const NEAR_M: f64 = 1.0;
-    /// Minimum time in the beam before an object counts as due, seconds. Choice.
+    /// Minimum time in the beam before an object counts as due, seconds. Choice: eight
+    /// sub-apertures, three updates of the map; nothing can be expected sooner.
     pub const SEEN_S: f64 = 0.75;
 }
 

@@ -10,7 +10,7 @@ pub fn by_kind(figures: &Figures) -> Table {
     rows.push(kind_row("all but walls", &figures.without_walls().rates()));
     rows.push(kind_row("all", &figures.rates()));
     let head = [
-        "thing", "due", "in time", "share", "visible", "first", "in time", "lead", "lead p10", "error", "p90",
+        "object", "due", "in time", "share", "visible", "first", "in time", "lead", "lead p10", "error", "p90",
         "nearer", "wider", "higher",
     ];
     Table { head: head.map(str::to_owned).to_vec(), rows, caption: CAPTION.into() }
@@ -27,7 +27,7 @@ const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the ap
     echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for any reconstruction. lead: \
     distance at which the warning came on, 0 when missed. false near: false reports, counted each time that one comes \
     within 1 m of the body; false: each false report once, anywhere. error: from reported positions to the nearest \
-    scatterer, median. forgotten: a chair that was carried away, time in the beam until it is no longer reported, \
+    scatterer, median. removed: a chair that was carried away, time in the beam until it is no longer reported, \
     median.";
 
 fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
@@ -65,18 +65,18 @@ fn percent(part: usize, of: usize) -> String {
 
 /// The figures that decide, with their targets.
 pub fn totals(figures: &Figures) -> Table {
-    let (things, all) = (figures.without_walls().rates(), figures.rates());
+    let (objects, all) = (figures.without_walls().rates(), figures.rates());
     let row = |name: &str, is: String, wanted: &str| vec![name.to_owned(), is, wanted.to_owned()];
     let at_end = figures.reports_at_end.iter().sum::<usize>() as f64 / figures.reports_at_end.len().max(1) as f64;
     let minutes = figures.played_s / 60.0;
     let bound = |n: usize| {
-        let [median_cm, p90_cm] = [things.bounds_median_m, things.bounds_p90_m].map(|of| 100.0 * of[n]);
+        let [median_cm, p90_cm] = [objects.bounds_median_m, objects.bounds_p90_m].map(|of| 100.0 * of[n]);
         if median_cm.is_finite() { format!("{median_cm:+.0}; {p90_cm:.0}") } else { "–".into() }
     };
     let rows = vec![
-        row("warned before 0.4 m or 0.6 s, %", percent(things.warned, things.due), "≥ 95"),
-        row("lead distance, median, m", formatted(things.lead_median_m, 2), "≥ 1.0"),
-        row("lead distance, 10th percentile, m", formatted(things.lead_p10_m, 2), "≥ 0.5"),
+        row("warned before 0.4 m or 0.6 s, %", percent(objects.warned, objects.due), "≥ 95"),
+        row("lead distance, median, m", formatted(objects.lead_median_m, 2), "≥ 1.0"),
+        row("lead distance, 10th percentile, m", formatted(objects.lead_p10_m, 2), "≥ 0.5"),
         row("false reports near the body, per minute", formatted(all.false_near_per_min, 2), "≤ 1"),
         row("   of these, from the player's hands", formatted(all.hands_per_min, 2), "≤ 0.5; tracked 0"),
         row("false reports anywhere, per minute", formatted(all.false_per_min, 2), ""),
@@ -84,7 +84,7 @@ pub fn totals(figures: &Figures) -> Table {
         row("time with a false report near the body, %", formatted(100.0 * all.false_near_share, 1), ""),
         row("removed chair no longer reported, time in beam, median, s", formatted(all.forget_median_s, 1), "≤ 5"),
         row("   the slowest, s", formatted(all.forget_worst_s, 1), ""),
-        row("position error of objects warned of, median, cm", formatted(100.0 * things.error_median_m, 1), "≤ 5"),
+        row("position error of objects warned of, median, cm", formatted(100.0 * objects.error_median_m, 1), "≤ 5"),
         row("near side, reported nearer (+) than true: median; 90 % of magnitudes, cm", bound(0), ""),
         row("   width, reported wider (+)", bound(1), ""),
         row("   top, reported higher (+)", bound(2), ""),
@@ -98,17 +98,17 @@ pub fn totals(figures: &Figures) -> Table {
 /// Detections against false reports, one row per setting.
 pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Table {
     let row = |(name, figures): (&str, &Figures)| {
-        let (things, all) = (figures.without_walls().rates(), figures.rates());
+        let (objects, all) = (figures.without_walls().rates(), figures.rates());
         vec![
             name.into(),
-            percent(things.warned, things.due),
-            percent(things.first_warned, things.first_due),
-            percent(things.visible, things.due),
-            formatted(things.lead_median_m, 2),
-            formatted(things.lead_p10_m, 2),
+            percent(objects.warned, objects.due),
+            percent(objects.first_warned, objects.first_due),
+            percent(objects.visible, objects.due),
+            formatted(objects.lead_median_m, 2),
+            formatted(objects.lead_p10_m, 2),
             formatted(all.false_near_per_min, 2),
             formatted(all.false_per_min, 2),
-            formatted(100.0 * things.error_median_m, 1),
+            formatted(100.0 * objects.error_median_m, 1),
             formatted(all.forget_median_s, 1),
         ]
     };
@@ -122,7 +122,7 @@ pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Tabl
         "false near, /min",
         "false, /min",
         "error, cm",
-        "forgotten, s",
+        "removed, s",
     ];
     Table { head: head.map(str::to_owned).to_vec(), rows: settings.map(row).collect(), caption: CURVE_CAPTION.into() }
 }

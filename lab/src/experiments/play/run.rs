@@ -32,9 +32,11 @@ pub enum PlayError {
     Session(#[from] SessionError),
 }
 
-/// Duration of frames simulated at a time, seconds.
+/// Duration of frames simulated at a time, seconds. Choice: bounds memory; each batch simulates in
+/// parallel.
 const BATCH_S: f64 = 4.0;
-/// Poses between two scoring steps: 30 steps per second.
+/// Poses between two scoring steps: 30 steps per second. Choice: 30 steps a second at 120 poses, 4
+/// cm at walking speed.
 const POSES_PER_STEP: usize = 4;
 
 /// Plays one session per seed and returns the figures in the seeds' order. `done` is called when

@@ -18,32 +18,42 @@ use radar_sar::geometry::{Aabb, Plane, Pose};
 use radar_sar::math;
 use radar_simulation::{Scatterer, Session, SessionWall};
 
-/// Deadline of a warning: distance and time to contact. Choice.
+/// Deadline of a warning: distance and time to contact. Choice: where warnings have their full
+/// brightness by default.
 const DEADLINE_M: f64 = 0.4;
 const DEADLINE_S: f64 = 0.6;
-/// Closing speeds below this count as standing still, metres per second. Choice.
+/// Closing speeds below this count as standing still, metres per second. Choice: swaying and
+/// turning stay below.
 const MIN_CLOSING_M_PER_S: f64 = 0.3;
-/// Distance beyond which an approach is over, metres. Choice.
+/// Distance beyond which an approach is over, metres. Choice: 20 cm beyond its start, so that a
+/// sway at 1 m does not count as many approaches.
 const APPROACH_END_M: f64 = 1.2;
-/// A report farther than this from everything is false, metres. Choice.
+/// A report farther than this from everything is false, metres. Choice: the radius within which a
+/// warning is where the object is; as in the study that chose the method.
 const FALSE_REPORT_M: f64 = 0.25;
-/// Distance from a person's parts within which a report is of the person, metres. Choice.
+/// Distance from a person's parts within which a report is of the person, metres. Choice: the parts
+/// are points inside a body and its clothes.
 const PERSON_RADIUS_M: f64 = 0.4;
-/// Time after a moving person was at a place during which a report there is not false, seconds.
-/// Choice.
+/// Time after a moving person was at a point during which a report there is not false, seconds.
+/// Choice: what was seen a moment ago was right then; an object is removed after several missed
+/// sub-apertures.
 const MOVED_AWAY_GRACE_S: f64 = 1.5;
-/// Maximum time between a movement and a false report that it may have caused, seconds. Choice.
+/// Maximum time between a movement and a false report that it may have caused, seconds. Choice: the
+/// mapper's window of 4 s and the time until it reports.
 const CAUSE_WINDOW_S: f64 = 6.0;
-/// Interval at which positions of hands and visitor are stored, seconds. Choice.
+/// Interval at which positions of hands and visitor are stored, seconds. Choice: a hand at 2 m/s
+/// moves 20 cm, less than the radius of a false report.
 const TRAIL_STEP_S: f64 = 0.1;
 /// Power SNR of one sub-aperture from which on a scatterer counts as visible, dB, and the length of
-/// a sub-aperture, seconds.
+/// a sub-aperture, seconds. Choice: noise reaches 10 dB once in 20 000 times; the mapper's length.
 const MIN_VISIBLE_SNR_DB: f64 = 10.0;
 const SUBAPERTURE_S: f64 = 0.09;
-/// A warning that switches on and off again within this time flickers, seconds. Choice.
+/// A warning that switches on and off again within this time flickers, seconds. Choice: shorter
+/// than any approach and retreat.
 const FLICKER_S: f64 = 1.0;
 /// A wall is warned of by a panel whose plane differs by at most this angle, degrees, and this
-/// offset, metres. Choice.
+/// offset, metres. Choice: a little above the 5 cm and 6° to which walls were found right in the
+/// study that chose the method.
 const WALL_ANGLE_DEG: f64 = 8.0;
 const WALL_OFFSET_M: f64 = 0.15;
 
@@ -113,21 +123,21 @@ struct ReportState {
 #[derive(Default)]
 struct RemovalTracker {
     was_known: Option<bool>,
-    looked_s: f64,
-    forgotten: bool,
+    in_beam_s: f64,
+    removed: bool,
 }
 
 impl<'s> Scorer<'s> {
     pub fn new(session: &'s Session) -> Self {
-        let things = session.things();
-        let thing = |t: &radar_simulation::SessionObject<'s>| {
+        let objects = session.things();
+        let target = |t: &radar_simulation::SessionObject<'s>| {
             Target::new(TargetGeometry::Object(&t.thing.scatterers), &t.thing.name, t.until_s)
         };
         let upright = session.walls().iter().filter(|wall| wall.plane.is_upright());
         let walls = upright.map(|wall| Target::new(TargetGeometry::Wall(wall), "wall", f64::INFINITY));
         Self {
             session,
-            targets: things.iter().map(thing).chain(walls).collect(),
+            targets: objects.iter().map(target).chain(walls).collect(),
             reports: BTreeMap::new(),
             hands: VecDeque::new(),
             visitor: VecDeque::new(),
@@ -160,8 +170,8 @@ impl<'s> Scorer<'s> {
         }
         self.figures.approaches.sort_by(|a, b| a.deadline_s.total_cmp(&b.deadline_s));
         if let Some(was_known) = self.removal.was_known {
-            let looked_s = self.removal.forgotten.then_some(self.removal.looked_s);
-            self.figures.forgettings.push(RemovalOutcome { was_known, looked_s });
+            let in_beam_s = self.removal.removed.then_some(self.removal.in_beam_s);
+            self.figures.forgettings.push(RemovalOutcome { was_known, looked_s: in_beam_s });
         }
         self.figures.played_s = self.last_s;
         self.figures.reports_at_end.push(reports);
@@ -185,13 +195,13 @@ impl<'s> Scorer<'s> {
         let reported = reported_positions(scene, head.translation);
         let mut reports = std::mem::take(&mut self.reports);
         reports.retain(|key, _| reported.iter().any(|(other, _)| other == key));
-        for (key, place) in reported {
+        for (key, point) in reported {
             let report = reports.entry(key).or_default();
-            let is_false = !self.is_real(time_s, place);
-            let away_m = body_distance_m(head, place);
+            let is_false = !self.is_real(time_s, point);
+            let away_m = body_distance_m(head, point);
             let is_near = is_false && away_m <= if report.is_near { APPROACH_END_M } else { Rates::NEAR_M };
             if is_false && report.cause.is_none() {
-                report.cause = Some(self.cause(place));
+                report.cause = Some(self.cause(point));
             }
             let cause = report.cause.unwrap_or(Cause::Nothing);
             let is_wall = matches!(key, ReportId::Wall(_));
@@ -210,19 +220,19 @@ impl<'s> Scorer<'s> {
     }
 
     /// Whether something is, or shortly before was, at a reported position.
-    fn is_real(&self, time_s: f64, place: DVec3) -> bool {
+    fn is_real(&self, time_s: f64, point: DVec3) -> bool {
         // A removed object counts as present here: how long it stays reported is measured
         // separately.
-        let things = self.targets.iter().map(|target| target.distance_to_m(place));
+        let distances = self.targets.iter().map(|target| target.distance_to_m(point));
         let person = self.visitor.iter().filter(|(at_s, _)| time_s - at_s <= MOVED_AWAY_GRACE_S);
-        things.fold(f64::INFINITY, f64::min) <= FALSE_REPORT_M
-            || self.session.walls().iter().any(|wall| wall.distance_m(place) <= FALSE_REPORT_M)
-            || person.flat_map(|(_, parts)| parts).any(|part| part.distance(place) <= PERSON_RADIUS_M)
+        distances.fold(f64::INFINITY, f64::min) <= FALSE_REPORT_M
+            || self.session.walls().iter().any(|wall| wall.distance_m(point) <= FALSE_REPORT_M)
+            || person.flat_map(|(_, parts)| parts).any(|part| part.distance(point) <= PERSON_RADIUS_M)
     }
 
-    fn cause(&self, place: DVec3) -> Cause {
+    fn cause(&self, point: DVec3) -> Cause {
         let was_there = |trail: &VecDeque<(f64, Vec<DVec3>)>, within_m: f64| {
-            trail.iter().flat_map(|(_, parts)| parts).any(|part| part.distance(place) <= within_m)
+            trail.iter().flat_map(|(_, parts)| parts).any(|part| part.distance(point) <= within_m)
         };
         if was_there(&self.hands, FALSE_REPORT_M) {
             Cause::Hand
@@ -236,22 +246,22 @@ impl<'s> Scorer<'s> {
     fn track_removal(&mut self, time_s: f64, step_s: f64, sensor: &Pose, scene: &Scene) {
         let Some(gone) = self.targets.iter().find(|target| target.until_s.is_finite()) else { return };
         let TargetGeometry::Object(parts) = gone.geometry else { return };
-        if time_s < gone.until_s || self.removal.forgotten {
+        if time_s < gone.until_s || self.removal.removed {
             return;
         }
-        let stays = |place: DVec3| {
+        let stays = |point: DVec3| {
             self.targets
                 .iter()
                 .filter(|t| t.until_s.is_infinite())
-                .any(|target| target.distance_to_m(place) <= FALSE_REPORT_M)
+                .any(|target| target.distance_to_m(point) <= FALSE_REPORT_M)
         };
-        let of_it = |place: DVec3| parts.iter().any(|part| part.position_m.distance(place) <= FALSE_REPORT_M);
+        let of_it = |point: DVec3| parts.iter().any(|part| part.position_m.distance(point) <= FALSE_REPORT_M);
         let is_known = scene.obstacles.iter().any(|o| of_it(o.position_m) && !stays(o.position_m));
         self.removal.was_known.get_or_insert(is_known);
         if parts.iter().any(|part| self.session.is_in_beam(sensor, part.position_m)) {
-            self.removal.looked_s += step_s;
+            self.removal.in_beam_s += step_s;
         }
-        self.removal.forgotten = !is_known;
+        self.removal.removed = !is_known;
     }
 }
 
@@ -283,10 +293,10 @@ impl<'s> Target<'s> {
     }
 
     /// Distance from a point to the nearest scatterer, metres; infinite for walls.
-    fn distance_to_m(&self, place: DVec3) -> f64 {
+    fn distance_to_m(&self, point: DVec3) -> f64 {
         match self.geometry {
             TargetGeometry::Object(parts) => {
-                parts.iter().map(|s| s.position_m.distance(place)).fold(f64::INFINITY, f64::min)
+                parts.iter().map(|s| s.position_m.distance(point)).fold(f64::INFINITY, f64::min)
             }
             TargetGeometry::Wall(_) => f64::INFINITY,
         }
@@ -304,7 +314,7 @@ impl<'s> Target<'s> {
     fn is_shown(&self, shown: &ShownWarnings) -> bool {
         match self.geometry {
             TargetGeometry::Object(_) => {
-                shown.points_m.iter().any(|place| self.distance_to_m(*place) <= FALSE_REPORT_M)
+                shown.points_m.iter().any(|point| self.distance_to_m(*point) <= FALSE_REPORT_M)
             }
             TargetGeometry::Wall(wall) => shown.planes.iter().any(|plane| is_same_plane(plane, &wall.plane)),
         }
@@ -411,12 +421,12 @@ impl<'s> Target<'s> {
         let there: Vec<DVec3> = parts.iter().map(|part| part.position_m).collect();
         let middle = there.iter().sum::<DVec3>() / there.len() as f64;
         let across = (middle - head.translation).with_y(0.0).try_normalize()?.cross(DVec3::Y);
-        let width_m = |places: &[DVec3]| {
-            let along = Aabb::around(places.iter().map(|place| DVec3::X * place.dot(across)))?;
+        let width_m = |points: &[DVec3]| {
+            let along = Aabb::around(points.iter().map(|point| DVec3::X * point.dot(across)))?;
             Some(along.size().x)
         };
-        let top_m = |places: &[DVec3]| places.iter().map(|place| place.y).fold(f64::NEG_INFINITY, f64::max);
-        let near_m = shown.iter().map(|place| body_distance_m(head, *place)).fold(f64::INFINITY, f64::min);
+        let top_m = |points: &[DVec3]| points.iter().map(|point| point.y).fold(f64::NEG_INFINITY, f64::max);
+        let near_m = shown.iter().map(|point| body_distance_m(head, *point)).fold(f64::INFINITY, f64::min);
         Some(BoundErrors {
             near_m: self.distance_m - near_m + 0.5 * cell_m,
             width_m: width_m(&shown)? - width_m(&there)? + cell_m,
@@ -426,8 +436,8 @@ impl<'s> Target<'s> {
 }
 
 /// Distance from the body to a point, metres.
-fn body_distance_m(head: &Pose, place: DVec3) -> f64 {
-    let to = place - head.translation;
+fn body_distance_m(head: &Pose, point: DVec3) -> f64 {
+    let to = point - head.translation;
     if to.y > 0.0 { to.length() } else { math::hypot(to.x, to.z) }
 }
 

@@ -17,6 +17,7 @@ use radar_simulation::{Scatterer, scene};
 /// The thesis' three scenes.
 const SCENES: [(&str, &str); 3] =
     [("clothes-hanger", "clothes hanger"), ("chair", "chair"), ("two-chairs", "two chairs")];
+/// Indices of the scenes.
 const HANGER: usize = 0;
 const CHAIR: usize = 1;
 const CHAIRS: usize = 2;
@@ -28,6 +29,7 @@ const METHODS: [(&str, &str, &str); 5] = [
     ("sub-apertures", "sub-apertures", "amplitude over the noise's"),
     ("sub-apertures, squared", "sub-apertures-squared", "power over the noise's"),
 ];
+/// Indices of the imaging methods.
 const PLAIN: usize = 0;
 const SQUARED: usize = 1;
 const FINER: usize = 2;
@@ -39,15 +41,17 @@ const DRAWN: [(usize, usize, f64); 2] = [(SQUARED, SQUARED, 0.5), (COHERENT_SQUA
 /// A voxel edge below the thesis' 10 cm, to test whether the voxel size hides detail, metres.
 const FINER_VOXEL_M: f64 = 0.04;
 const SWEEPS: usize = 50;
-/// Duration of the coherent recording, seconds: long enough for views from all over the sphere.
+/// Duration of the coherent recording, seconds. Choice: long enough for views from all over the
+/// sphere.
 const COHERENT_S: f64 = 4.0;
 /// Chair points below this height are the feet of the metal legs, the others seat and back, metres.
+/// Choice: between the feet and the seat at 0.45 m.
 const LEGS_BELOW_M: f64 = 0.2;
 /// Tolerance of a size, metres: one thesis voxel on either side.
 const SIZE_TOLERANCE_M: f64 = 2.0 * THESIS_VOXEL_M;
 
 /// Lowest threshold of the precision–recall curves as a share of the greatest amplitude; from 95 %
-/// downwards in steps of `SHARE_STEP`.
+/// downwards in steps of `SHARE_STEP`. Choice: below, noise fills the image.
 const MIN_SHARE: f64 = 0.3;
 const SHARE_STEP: f64 = 0.05;
 
@@ -369,7 +373,7 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
 }
 
 fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
-    let told = |figures: &Figures| {
+    let described = |figures: &Figures| {
         format!(
             "{} cm against a true {} cm, median voxel {} cm off",
             size(figures.accuracy.extent_m),
@@ -383,9 +387,9 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
         hanger[SQUARED].size_matches() && hanger[SQUARED].accuracy.off_m <= THESIS_VOXEL_M,
         format!(
             "squared: {}, where a single point appears as {} cm; by sub-apertures {}",
-            told(&hanger[SQUARED]),
+            described(&hanger[SQUARED]),
             size(point_m),
-            told(&hanger[COHERENT_SQUARED])
+            described(&hanger[COHERENT_SQUARED])
         ),
     );
     outcome.add_finding(

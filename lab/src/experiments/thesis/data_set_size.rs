@@ -8,7 +8,7 @@ use radar_sar::{Selection, Statistic};
 
 /// The thesis' three numbers of sweeps, and further ones.
 const COUNTS: [usize; 8] = [1, 2, 3, 5, 20, 50, 200, 1200];
-/// SNR of a weak target, dB: a hundredth of the reflector's power.
+/// SNR of a weak target, dB. Choice: a hundredth of the reflector's power.
 const WEAK_DB: f64 = 20.0;
 /// Numbers of sweeps with a picture in the thesis.
 const SHOWN: [usize; 3] = [1, 5, 50];

@@ -18,23 +18,26 @@ use radar_simulation::Scenario;
 
 /// Sweeps of one trial, as many as the thesis images.
 const SWEEPS: usize = 50;
-/// Maximum number of trials taken from a recording of noise.
+/// Maximum number of trials taken from a recording of noise. Choice: over all seeds hundreds, of
+/// which a rate of 1 % can be stated.
 const NOISE_TRIALS: usize = 60;
-/// Recordings whose paths calibrate the thresholds, and trials per path. How many sweeps see a
-/// point depends on the path.
+/// Recordings whose paths calibrate the thresholds, and trials per path. Choice: how many sweeps
+/// see a point depends on the path, so many paths count more than many trials.
 const PATHS: u64 = 12;
 const TRIALS_PER_PATH: usize = 10;
-/// Stated false-alarm rates per trial.
+/// Stated false-alarm rates per trial. Choice: from what one would notice to what one would accept,
+/// countable in hundreds of trials.
 const RATES: [f64; 2] = [0.1, 0.01];
 /// Presets whose detections are counted (presets of equal range points behave as `d16`), and the
 /// SNRs, dB.
 const DETECTION_PRESETS: [&str; 3] = ["d16", "far", "fine"];
 const SNRS_DB: [f64; 11] = [-12.0, -10.0, -8.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0];
-/// Trials taken from a recording with a reflector, and its duration, seconds.
+/// Trials taken from a recording with a reflector, and its duration, seconds. Choice: trials half a
+/// second apart are nearly independent.
 const REFLECTOR_TRIALS: usize = 8;
 const REFLECTOR_DURATION_S: f64 = 4.0;
-/// The default detection threshold of reflectors, standard deviations
-/// (`reflectors.threshold_sigma`).
+/// The detection threshold of reflectors, standard deviations. Source: the default of the setting
+/// `reflectors.threshold_sigma`.
 const DEFAULT_SIGMA: f64 = 7.0;
 /// Parts of the experiment's progress; `filters.rs` accounts for the first twenty.
 const PARTS: usize = 50;
@@ -68,8 +71,8 @@ impl Search {
 /// every trial spans the whole path; `most` at most.
 fn sweep_sets(recorded: &TrialRecording, most: usize) -> Vec<Vec<Observation>> {
     let count = (recorded.observations.len() / SWEEPS).max(1);
-    let look = |n: usize| recorded.observations.iter().skip(n).step_by(count).take(SWEEPS).cloned().collect();
-    (0..count.min(most)).map(look).collect()
+    let sweeps = |n: usize| recorded.observations.iter().skip(n).step_by(count).take(SWEEPS).cloned().collect();
+    (0..count.min(most)).map(sweeps).collect()
 }
 
 /// A recording of empty space, long enough for all trials.
@@ -101,7 +104,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         let mut others = Vec::new();
         for seed in 0..trials.seeds {
             let other = sweep_sets(&noise(name, &config, 2001 + seed)?, NOISE_TRIALS);
-            others.extend(other.par_iter().map(|look| search.greatest(look)).collect::<Vec<f64>>());
+            others.extend(other.par_iter().map(|sweeps| search.greatest(sweeps)).collect::<Vec<f64>>());
         }
         let passed = RATES.map(|rate| others.iter().filter(|value| **value > of_noise.threshold(rate)).count());
         let [often, seldom] = passed.map(|count| count as f64 / others.len().max(1) as f64);
@@ -182,7 +185,7 @@ fn detected(trials: &Trials, maxima: &[(&'static str, Search, NoiseMaxima)]) -> 
                 all.extend(sweep_sets(&TrialRecording::of(&scenario)?, REFLECTOR_TRIALS));
             }
             let threshold = of_noise.threshold(RATES[1]);
-            let found = all.par_iter().filter(|look| search.greatest(look) > threshold).count();
+            let found = all.par_iter().filter(|sweeps| search.greatest(sweeps) > threshold).count();
             points.push([snr_db, 100.0 * found as f64 / all.len().max(1) as f64]);
         }
         curves.push(Series { name: (*name).to_owned(), points, joined: true });
@@ -224,9 +227,9 @@ mod tests {
     #[test]
     fn sweep_sets_share_no_sweep() {
         let recorded = noise("c16", &preset("c16").unwrap(), 3).unwrap();
-        let looks = sweep_sets(&recorded, NOISE_TRIALS);
-        assert!(looks.len() >= NOISE_TRIALS - 1 && looks.iter().all(|look| look.len() == SWEEPS), "{}", looks.len());
-        let mut times: Vec<i64> = looks.iter().flatten().map(|o| o.mid_time_ns).collect();
+        let sets = sweep_sets(&recorded, NOISE_TRIALS);
+        assert!(sets.len() >= NOISE_TRIALS - 1 && sets.iter().all(|sweeps| sweeps.len() == SWEEPS), "{}", sets.len());
+        let mut times: Vec<i64> = sets.iter().flatten().map(|o| o.mid_time_ns).collect();
         let count = times.len();
         times.sort_unstable();
         times.dedup();

@@ -11,6 +11,7 @@ use radar_sar::{Selection, Statistic};
 /// All statistics that are one sum over sweeps.
 const STATISTICS: [Statistic; 6] =
     [Statistic::ThesisFull, Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
+/// Number of sweeps per image. Choice: the thesis' job.
 const SWEEPS: usize = 50;
 /// Voxel edge below the thesis', to see more than the voxel size, metres.
 const FINE_VOXEL_M: f64 = 0.04;

@@ -14,16 +14,17 @@ use radar_sar::{PositionErrors, RangePower, Refined, Selection, Statistic, Volum
 
 /// The thesis' voxel edge (section 5.6), metres.
 pub(super) const THESIS_VOXEL_M: f64 = 0.1;
-/// Voxel edge of our search before refinement, metres. Choice.
+/// Voxel edge of our search before refinement, metres. Choice: below half the pulse's width, so
+/// that refinement starts at the right peak.
 const OWN_VOXEL_M: f64 = 0.05;
-/// Minimum range, metres: nearer lies the antenna's own leakage.
+/// Minimum range, metres. Choice: nearer lies the antenna's own leakage.
 pub(super) const MIN_RANGE_M: f64 = 0.15;
 pub(super) const BEAM: Beam = Beam::Lensless;
 
 /// Selects a number of a recording's sweeps; all where it has no more.
 pub(super) fn chosen(recorded: &TrialRecording, count: usize, by: Selection) -> Vec<Observation> {
-    let place = region(THESIS_VOXEL_M, recorded.seed).center();
-    let chosen = by.choose(&recorded.observations, count, place, recorded.seed);
+    let position = region(THESIS_VOXEL_M, recorded.seed).center();
+    let chosen = by.choose(&recorded.observations, count, position, recorded.seed);
     chosen.into_iter().map(|n| recorded.observations[n].clone()).collect()
 }
 
@@ -61,8 +62,8 @@ fn volume_of(beam: &Beam, sweeps: &[Observation], statistic: Statistic, voxel_m:
     dense_volume(&stack, &grid).volume
 }
 
-/// Power over the noise from which on a sweep sees an object: 10 dB, which noise reaches once in 20
-/// 000 times.
+/// Power over the noise from which on a sweep sees an object. Choice: 10 dB, which noise reaches
+/// once in 20 000 times.
 const SEEN_POWER: f64 = 10.0;
 
 /// Share of the sweeps that see at least one of the points.
@@ -92,7 +93,7 @@ impl Quality {
     /// Of an image with one true point.
     pub fn of(volume: &Volume, truth_m: DVec3) -> Self {
         let peak = volume.peak();
-        let place = peak.map(|(index, _)| volume.center(volume.voxel(index)));
+        let position = peak.map(|(index, _)| volume.center(volume.voxel(index)));
         let greatest = peak.map_or(0.0, |(_, value)| value);
         let is_strong = |value: f32| value >= 0.5 * greatest && value > 0.0;
         let strong = (0..volume.values.len()).filter(|&index| is_strong(volume.values[index]));
@@ -101,7 +102,7 @@ impl Quality {
         sorted.sort_by(f32::total_cmp);
         let median = sorted.get(sorted.len() / 2).copied().unwrap_or(greatest);
         Self {
-            off_m: place.map_or(DVec3::INFINITY, |place| place - truth_m),
+            off_m: position.map_or(DVec3::INFINITY, |position| position - truth_m),
             extent_m: around.map_or(DVec3::ZERO, |around| around.size() + volume.voxel_m),
             footprint_l: strong.count() as f64 * volume.voxel_m.powi(3) * 1e3,
             contrast_db: 20.0 * math::log10(f64::from(greatest / median.max(f32::MIN_POSITIVE))),
@@ -137,8 +138,8 @@ fn locate_by(beam: &Beam, sweeps: &[Observation], seed: u64, errors: &PositionEr
     let refined = found.peak().and_then(|(index, _)| {
         let [nx, ny, _] = grid.size;
         let voxel = [index % nx, index / nx % ny, index / (nx * ny)].map(|n| n as f64 + 0.5);
-        let place = grid.origin_m + DVec3::from_array(voxel) * grid.voxel_m;
-        refine(&RangePower::new(sweeps, beam, MIN_RANGE_M), place, None, errors)
+        let position = grid.origin_m + DVec3::from_array(voxel) * grid.voxel_m;
+        refine(&RangePower::new(sweeps, beam, MIN_RANGE_M), position, None, errors)
     });
     (refined, start.elapsed().as_secs_f64())
 }

@@ -20,22 +20,28 @@ use radar_simulation::{ARM_M, ARM_REST_S, Scenario, Simulated, TruePath};
 const IMU_PARTS: [ImuSpec; 3] = [MPU_6050, ICM_42688, TACTICAL];
 /// Time at rest from which offsets are estimated, seconds: as long as the arm rests.
 const REST_S: f64 = ARM_REST_S;
-/// Times at which the drift is read, seconds.
+/// Times at which the drift is read, seconds. Choice: from a short outage to far beyond what
+/// inertia bridges.
 const DRIFT_TIMES_S: [f64; 5] = [0.5, 1.0, 2.0, 5.0, 10.0];
-/// Durations of the swing that are imaged, from its start, seconds.
+/// Durations of the swing that are imaged, from its start, seconds. Choice: from a quarter of a
+/// swing to and fro to two of them.
 const SWING_DURATIONS_S: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
-/// Start and durations of the tracker's outages, seconds; 0: no outage.
+/// Start and durations of the tracker's outages, seconds; 0: no outage. Choice: two swings before
+/// it, so that the filter has learnt the biases; durations from one that does no harm to one that
+/// ruins the image.
 const OUTAGE_START_S: f64 = 8.0;
 const OUTAGE_DURATIONS_S: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 1.0, 3.0, 5.0, 10.0];
-/// Time before the tracker's return that is imaged, seconds: one swing to and fro, so that all
-/// images have the same aperture.
+/// Time before the tracker's return that is imaged, seconds. Choice: one swing to and fro, so that
+/// all images have the same aperture. Then the recording's length, and the sweeps per image.
 const WINDOW_S: f64 = 4.0;
 const DURATION_S: f64 = OUTAGE_START_S + 10.0;
 const SWEEPS: usize = 50;
-/// Voxel edge at which blur is visible, metres.
+/// Voxel edge at which blur is visible, metres. Choice: below the blur to be seen, above what the
+/// run time allows.
 const FINE_VOXEL_M: f64 = 0.04;
 /// An image is sharp when the reflector's error is at most this, metres, and the footprint at most
-/// this many times that without an outage. Choice.
+/// this many times that without an outage. Choice: half a voxel of the image, and a blur that one
+/// begins to see.
 const SHARP_M: f64 = 0.02;
 const SHARP_RATIO: f64 = 1.5;
 

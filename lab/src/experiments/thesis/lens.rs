@@ -28,7 +28,8 @@ const OBJECTS: [(&str, &str, Option<f64>); 3] = [
     ("chair", "chair, 40 dB", Some(SNR_DB)),
     ("chair", "chair, radar equation", None),
 ];
-/// Angles of the reflector off the boresight, degrees.
+/// Angles of the reflector off the boresight, degrees. Choice: from the lens' beam to far outside
+/// it; the number of sweeps is that of the thesis' job.
 const ANGLES_DEG: [f64; 7] = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0];
 const SWEEPS: usize = 50;
 /// Distance from the object beyond which the image counts as elsewhere, metres: two thesis voxels
@@ -292,8 +293,8 @@ fn findings(outcome: &mut Outcome, objects: &ObjectFigures, angles: &[Vec<Figure
 }
 
 /// A point at the distance of another one, this many degrees to the right as seen from the sensor.
-fn off_axis_point(from: DVec3, place: DVec3, angle_deg: f64) -> DVec3 {
-    let to = place - from;
+fn off_axis_point(from: DVec3, point: DVec3, angle_deg: f64) -> DVec3 {
+    let to = point - from;
     let right = to.cross(DVec3::Y).normalize();
     let (sin, cos) = math::sin_cos(angle_deg.to_radians());
     from + to * cos + right * (to.length() * sin)
@@ -317,7 +318,7 @@ fn thesis_image(recorded: &TrialRecording, template: &Beam) -> Volume {
 /// The thesis' image with a beam model; our position with the true beam.
 fn figures_of(recorded: &TrialRecording, beam: &Beam, template: &Beam) -> Figures {
     let points = points(recorded);
-    let nearest = |place: DVec3| points.iter().map(|p| p.distance(place)).fold(f64::INFINITY, f64::min);
+    let nearest = |point: DVec3| points.iter().map(|p| p.distance(point)).fold(f64::INFINITY, f64::min);
     let image = thesis_image(recorded, template);
     let quality = Quality::of(&image, DVec3::ZERO);
     let accuracy = ShapeAccuracy::of(&points_above(&image, 0.5), image.voxel_m, &points);
@@ -383,12 +384,12 @@ mod tests {
 
     #[test]
     fn off_axis_point_keeps_distance_and_angle() {
-        let (from, place) = (DVec3::new(0.0, 1.5, 0.0), DVec3::new(-0.3, 1.7, -1.0));
+        let (from, point) = (DVec3::new(0.0, 1.5, 0.0), DVec3::new(-0.3, 1.7, -1.0));
         for angle_deg in ANGLES_DEG {
-            let looked_at = off_axis_point(from, place, angle_deg);
-            let angle = (looked_at - from).angle_between(place - from).to_degrees();
-            assert!((angle - angle_deg).abs() < 1e-4 && (looked_at.distance(from) - place.distance(from)).abs() < 1e-9);
+            let looked_at = off_axis_point(from, point, angle_deg);
+            let angle = (looked_at - from).angle_between(point - from).to_degrees();
+            assert!((angle - angle_deg).abs() < 1e-4 && (looked_at.distance(from) - point.distance(from)).abs() < 1e-9);
         }
-        assert!(off_axis_point(from, place, 30.0).x > place.x);
+        assert!(off_axis_point(from, point, 30.0).x > point.x);
     }
 }

@@ -7,10 +7,10 @@ use glam::DVec3;
 
 use radar_sar::Volume;
 
-/// Maximum distance of an object's peak from one of its points, metres. Choice.
+/// Maximum distance of an object's peak from one of its points, metres. Choice: the pulse's width.
 const PEAK_RADIUS_M: f64 = 0.15;
-/// Rayleigh's criterion: two equal points are resolved when the power between them falls by this
-/// share.
+/// Physics: Rayleigh's criterion. Two equal points are resolved when the power between them falls
+/// by this share.
 pub(super) const RAYLEIGH_DIP: f64 = 0.265;
 
 /// Peaks of two objects in one image.
@@ -43,8 +43,8 @@ impl PeakSeparation {
 fn peaks(volume: &Volume, things_m: [&[DVec3]; 2]) -> [Option<usize>; 2] {
     let mut best: [Option<usize>; 2] = [None; 2];
     for (index, value) in volume.values.iter().enumerate().filter(|(_, value)| **value > 0.0) {
-        let place = volume.center(volume.voxel(index));
-        let [a, b] = things_m.map(|points| points.iter().map(|p| p.distance(place)).fold(f64::INFINITY, f64::min));
+        let position = volume.center(volume.voxel(index));
+        let [a, b] = things_m.map(|points| points.iter().map(|p| p.distance(position)).fold(f64::INFINITY, f64::min));
         let own = usize::from(b < a);
         if a.min(b) <= PEAK_RADIUS_M && best[own].is_none_or(|best| *value > volume.values[best]) {
             best[own] = Some(index);
@@ -103,8 +103,8 @@ mod tests {
 
     #[test]
     fn dip_is_that_of_the_highest_path_between_the_peaks() {
-        let things = [DVec3::new(0.15, 0.05, 0.05), DVec3::new(0.65, 0.05, 0.05)];
-        let of = |values: &[f32]| PeakSeparation::of(&line(values), [&things[..1], &things[1..]]);
+        let points = [DVec3::new(0.15, 0.05, 0.05), DVec3::new(0.65, 0.05, 0.05)];
+        let of = |values: &[f32]| PeakSeparation::of(&line(values), [&points[..1], &points[1..]]);
         let apart = of(&[0.0, 4.0, 3.0, 1.0, 2.0, 2.2, 2.5, 0.0]).unwrap();
         assert!((apart.weaker - 0.625).abs() < 1e-6 && (apart.dip - 0.6).abs() < 1e-6, "{apart:?}");
         assert!(apart.is_resolved());

@@ -18,6 +18,7 @@ use radar_sar::geometry::Pose;
 use radar_sar::{PositionErrors, Selection, Statistic};
 use radar_simulation::{Scenario, TrackingErrors};
 
+/// Length of the recordings, seconds. Choice: every motion passes all its points.
 const DURATION_S: f64 = 12.0;
 /// Number of sweeps of the thesis' image, and of the coherent one.
 const SWEEPS: usize = 50;
@@ -26,9 +27,10 @@ const COHERENT_SWEEPS: usize = 300;
 /// half a wavelength.
 const COHERENT_VOXEL_M: f64 = 2.5e-3;
 const COHERENT_CUBE_M: f64 = 0.12;
-/// Voxel edge of the incoherent image, metres.
+/// Voxel edge of the incoherent image, metres. Choice: below the blur to be seen, above what the
+/// run time allows.
 const FINE_VOXEL_M: f64 = 0.04;
-/// Accuracy sufficient for gripping or warning, metres. Choice.
+/// Accuracy sufficient for gripping or warning, metres. Choice: sufficient for gripping or warning.
 const ACCURATE_M: f64 = 0.01;
 
 /// A source of poses: motion, its measurement errors, and the errors that the reconstruction
@@ -202,8 +204,8 @@ fn pictures(outcome: &mut Outcome, source: &PoseSource, recorded: &TrialRecordin
     outcome.draw(format!("path-{}", source.motion), motion_plot(&path, &title), format!("{title}."));
     let sweeps = chosen(recorded, SWEEPS, Selection::ThesisHull);
     let image = volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed);
-    let places: Vec<DVec3> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
-    let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &places };
+    let positions: Vec<DVec3> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
+    let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &positions };
     let title = format!("The thesis' image: {}", source.name);
     let picture = cross_sections(&image, &title, "correlation (amplitude)", &marks);
     outcome.draw(format!("image-{}", source.motion), picture, format!("{title}."));

@@ -16,14 +16,16 @@ use radar_sar::geometry::Aabb;
 use radar_sar::math;
 use radar_sar::{Selection, Statistic};
 
-/// Edges of the voxels and of the searched cubes, metres.
+/// Edges of the voxels and of the searched cubes, metres. Choice: from the thesis' voxel to a
+/// thirtieth of the pulse's width; from an arm's reach to a room.
 const VOXELS_M: [f64; 5] = [0.1, 0.05, 0.02, 0.01, 0.005];
 const CUBES_M: [f64; 4] = [1.0, 2.0, 3.0, 6.0];
 /// Edge of the thesis' cube, metres.
 const THESIS_CUBE_M: f64 = 3.0;
 const STATISTICS: [(Statistic, &str); 2] = [(Statistic::Thesis, "the thesis' sum"), (Statistic::Ls, "least squares")];
 const SWEEPS: usize = 50;
-/// Volumes with more voxels are not made: at four bytes each, 128 MiB. Choice.
+/// Volumes with more voxels are not made: at four bytes each, 128 MiB. Choice: larger ones would
+/// decide the experiment's memory and time.
 const MAX_DENSE_VOXELS: usize = 32 << 20;
 /// Volumes with more voxels are made from two recordings only. Choice: run time.
 const TWO_RECORDINGS_VOXELS: usize = 4 << 20;
@@ -117,8 +119,8 @@ fn trial(
         peak.push(timed(1.0).1);
         work.push(found.work.share());
         footprints.push(found.voxels.len() as f64 * voxel_m.powi(3) * 1e3);
-        let place = found.peak().map(|(index, _)| center(&grid, index));
-        errors.push(place.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m)));
+        let position = found.peak().map(|(index, _)| center(&grid, index));
+        errors.push(position.map_or(f64::INFINITY, |position| position.distance(recorded.truth_m)));
         if voxels <= TWO_RECORDINGS_VOXELS || (voxels <= MAX_DENSE_VOXELS && dense.len() < 2) {
             let start = Instant::now();
             let (stack, _) = SweepStack::of(statistic, &BEAM, sweeps, grid.middle_m());
@@ -139,8 +141,8 @@ fn sub_aperture_litres(trials: &Trials) -> Result<f64, ExperimentError> {
     let mut footprints = Vec::new();
     for recorded in &trials.reflector("sphere-50cm", "d16", 4.0)? {
         let sweeps = chosen(recorded, SWEEPS, Selection::FarthestPoint);
-        let place = locate(&sweeps, recorded.seed).0.map(|refined| refined.position_m);
-        let image = place.and_then(|place| close_image(recorded, place));
+        let position = locate(&sweeps, recorded.seed).0.map(|refined| refined.position_m);
+        let image = position.and_then(|position| close_image(recorded, position));
         footprints.push(image.map_or(f64::INFINITY, |image| Quality::of(&image, recorded.truth_m).footprint_l));
     }
     Ok(quantile(&footprints, 0.5))

@@ -20,7 +20,7 @@ const MOTIONS: [(&str, &str); 5] = [
 ];
 /// Number of sweeps that the thesis images.
 const SWEEPS: usize = 50;
-/// SNR of a weak target, dB: a hundredth of the reflector's power.
+/// SNR of a weak target, dB. Choice: a hundredth of the reflector's power.
 const WEAK_DB: f64 = 20.0;
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
@@ -34,7 +34,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ),
         ..Outcome::default()
     };
-    let (mut rows, mut thesis, mut told) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut rows, mut thesis, mut errors) = (Vec::new(), Vec::new(), Vec::new());
     for (n, (motion, words)) in MOTIONS.into_iter().enumerate() {
         trials.report_progress(n, MOTIONS.len());
         let (mut off, mut extents, mut own, mut all) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -80,7 +80,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         let [weak, ranges] = [&weak, &ranges].map(|values| cm(quantile(values, 0.5)));
         rows.push(vec![words.into(), ranges, cm(error), weak, cm(x), cm(y), cm(z), mm(own), known.into()]);
         thesis.push([error, off_x, off_y, x, y]);
-        told.push(format!("{} cm, ours {} mm ({known})", cm(error), mm(own)));
+        errors.push(format!("{} cm, ours {} mm ({known})", cm(error), mm(own)));
     }
     let [rest, _, _, short, long] = [0, 1, 2, 3, 4].map(|n: usize| thesis[n]);
     outcome.add_finding(
@@ -88,7 +88,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         (rest[1] - 0.3).abs() < 0.1 && (rest[2] - 0.2).abs() < 0.1,
         format!(
             "at rest {}; {} cm of it in x and {} cm in y; the reflector is 30 cm to the left and 20 cm above",
-            told[0],
+            errors[0],
             cm(rest[1]),
             cm(rest[2])
         ),
@@ -100,7 +100,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             "10 cm: {}; 50 cm: {}. Over 10 cm the ranges to the image's greatest voxel and to the reflector differ \
              by {} cm from sweep to sweep and the pulse is 14 cm long: the thesis' sum hardly separates the two, a fit \
              of ranges does",
-            told[1], told[2], rows[1][1]
+            errors[1], errors[2], rows[1][1]
         ),
     );
     outcome.add_finding(
@@ -110,7 +110,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             "along x by 10 cm the image lies halfway: {} cm off in x, of 30; in total {}: over so short a path the \
              ranges to both points differ by only centimetres",
             cm(short[1]),
-            told[3]
+            errors[3]
         ),
     );
     outcome.add_finding(

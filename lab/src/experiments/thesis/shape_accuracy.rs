@@ -26,8 +26,8 @@ pub(super) struct ShapeAccuracy {
 impl ShapeAccuracy {
     /// For voxels (centre, value) of the given edge.
     pub fn of(imaged: &[(DVec3, f32)], voxel_m: f64, points_m: &[DVec3]) -> Self {
-        let nearest = |place: DVec3| points_m.iter().map(|p| p.distance(place)).fold(f64::INFINITY, f64::min);
-        let distances: Vec<f64> = imaged.iter().map(|(place, _)| nearest(*place)).collect();
+        let nearest = |position: DVec3| points_m.iter().map(|p| p.distance(position)).fold(f64::INFINITY, f64::min);
+        let distances: Vec<f64> = imaged.iter().map(|(position, _)| nearest(*position)).collect();
         let near = distances.iter().filter(|distance| **distance <= NEAR_M).count();
         let shown = points_m.iter().filter(|point| imaged.iter().any(|(at, _)| at.distance(**point) <= NEAR_M)).count();
         let weight: f64 = imaged.iter().map(|(_, value)| f64::from(*value)).sum();

@@ -12,64 +12,70 @@ use radar_sar::Volume;
 use radar_sar::geometry::Aabb;
 use radar_sar::subaperture::{Subaperture, SubapertureBuilder, SubapertureSettings, fine_image};
 
-/// Edges of the tiles, of coarse voxels and of fine ones, metres.
+/// Edges of the tiles, of coarse voxels and of fine ones, metres. Choice: a tile is sixteen fine
+/// voxels wide, large enough to pay for its tables, small enough to follow a shape.
 const TILE_M: f64 = 0.2;
 const COARSE_VOXEL_M: f64 = 0.05;
 pub(super) const FINE_VOXEL_M: f64 = 0.0125;
 const FINE_IN_TILE: usize = 16;
-/// Tiles with this share of the greatest coarse power are imaged finely: −10 dB. Choice.
+/// Tiles with this share of the greatest coarse power are imaged finely: −10 dB. Choice: −10 dB, as
+/// deep as a shape is drawn.
 const MIN_TILE_SHARE: f32 = 0.1;
-/// Sub-apertures of 90 ms in one coherent sum: 360 ms, over which tracking drift is negligible.
+/// Sub-apertures of 90 ms in one coherent sum. Choice: 360 ms, over which tracking drift is
+/// negligible.
 const SUBAPERTURES_PER_GROUP: usize = 4;
 
 /// Amplitude (root of the power, noise at most 1) by sub-apertures, 0 where nothing is imaged;
 /// `None` where no tile was covered.
 pub(super) fn subaperture_image(recorded: &TrialRecording) -> Option<Volume> {
-    let blocks = subapertures(recorded);
+    let subapertures = subapertures(recorded);
     let cube = region(COARSE_VOXEL_M, recorded.seed);
     let tiles = (cube.size() / TILE_M).ceil().to_array().map(|n| n as usize);
     let tile_at = |n: usize| [n % tiles[0], n / tiles[0] % tiles[1], n / (tiles[0] * tiles[1])];
     let coarse: Vec<(usize, f32)> = (0..tiles.iter().product())
         .into_par_iter()
-        .filter_map(|n| Some((n, tile_image(&blocks, &cube, tile_at(n), COARSE_VOXEL_M, 1)?.peak()?.1)))
+        .filter_map(|n| Some((n, tile_image(&subapertures, &cube, tile_at(n), COARSE_VOXEL_M, 1)?.peak()?.1)))
         .collect();
     let greatest = coarse.iter().map(|tile| tile.1).fold(0.0, f32::max);
     let shown: Vec<[usize; 3]> =
         coarse.iter().filter(|tile| tile.1 >= MIN_TILE_SHARE * greatest).map(|tile| tile_at(tile.0)).collect();
     let fine: Vec<([usize; 3], Volume)> = shown
         .into_par_iter()
-        .filter_map(|tile| Some((tile, tile_image(&blocks, &cube, tile, FINE_VOXEL_M, SUBAPERTURES_PER_GROUP)?)))
+        .filter_map(|tile| Some((tile, tile_image(&subapertures, &cube, tile, FINE_VOXEL_M, SUBAPERTURES_PER_GROUP)?)))
         .collect();
     assembled(&cube, &fine)
 }
 
 /// Amplitude in a box of ±15 cm around a point, voxels of 5 mm; `None` where it is not covered.
-pub(super) fn close_image(recorded: &TrialRecording, place: DVec3) -> Option<Volume> {
-    let blocks = subapertures(recorded);
-    let region = Aabb { min: place - 0.15, max: place + 0.15 };
-    Some(amplitude(fine_image(&blocks.iter().collect::<Vec<_>>(), &region, 0.005, SUBAPERTURES_PER_GROUP)?.coherent))
+pub(super) fn close_image(recorded: &TrialRecording, position: DVec3) -> Option<Volume> {
+    let subapertures = subapertures(recorded);
+    let region = Aabb { min: position - 0.15, max: position + 0.15 };
+    Some(amplitude(
+        fine_image(&subapertures.iter().collect::<Vec<_>>(), &region, 0.005, SUBAPERTURES_PER_GROUP)?.coherent,
+    ))
 }
 
 fn subapertures(recorded: &TrialRecording) -> Vec<Subaperture> {
     let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
-    let mut blocks: Vec<Subaperture> = recorded.observations.iter().filter_map(|o| builder.push(o.clone())).collect();
-    blocks.extend(builder.close());
-    blocks
+    let mut subapertures: Vec<Subaperture> =
+        recorded.observations.iter().filter_map(|o| builder.push(o.clone())).collect();
+    subapertures.extend(builder.close());
+    subapertures
 }
 
 /// Power in a tile: the sum over the sub-apertures that cover it, divided by the number of all
 /// sub-apertures. So tiles that few of them cover are not brighter, and tiles fit together.
 fn tile_image(
-    blocks: &[Subaperture],
+    subapertures: &[Subaperture],
     cube: &Aabb,
     tile: [usize; 3],
     voxel_m: f64,
     per_aperture: usize,
 ) -> Option<Volume> {
     let min = cube.min + DVec3::from_array(tile.map(|n| n as f64)) * TILE_M;
-    let all: Vec<&Subaperture> = blocks.iter().collect();
+    let all: Vec<&Subaperture> = subapertures.iter().collect();
     let image = fine_image(&all, &Aabb { min, max: min + TILE_M }, voxel_m, per_aperture)?;
-    let share = (image.apertures * per_aperture) as f32 / blocks.len() as f32;
+    let share = (image.apertures * per_aperture) as f32 / subapertures.len() as f32;
     let mut power = image.coherent;
     power.values.iter_mut().for_each(|value| *value *= share);
     Some(power)

@@ -16,13 +16,16 @@ use radar_sar::{Beam, Observation};
 use radar_sar::{Statistic, Volume};
 use radar_simulation::{Scenario, TrackingErrors};
 
-/// Two seconds of preset fine, 240 sweeps; numbers of sweeps per coherent sum.
+/// Two seconds of preset fine, 240 sweeps; numbers of sweeps per coherent sum. Choice: those of the
+/// accuracy study.
 const DURATION_S: f64 = 2.0;
 const LENGTHS: [(usize, &str); 4] = [(1, "1: least squares"), (12, "12"), (40, "40"), (usize::MAX, "all: coherent")];
 /// Half edge of the box around the truth that is searched for the peak, and its voxel edge, metres.
+/// Choice: more than the errors; half the width of the narrowest peak.
 const AROUND_M: f64 = 0.04;
 const VOXEL_M: f64 = 2e-3;
-/// Widths are measured up to this far on either side, metres.
+/// Widths are measured up to this far on either side, metres. Choice: the widest, incoherent peak
+/// is half a metre wide.
 const REACH_M: f64 = 0.6;
 const BEAM: Beam = Beam::Lensless;
 
@@ -69,16 +72,16 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
             };
             let recorded = TrialRecording::of(&scenario)?;
             let truth = recorded.truth_m;
-            // Each seed puts the truth at another place within a voxel.
+            // Each seed puts the truth at another position within a voxel.
             let shift = region(VOXEL_M, seed).center() - region(0.0, seed).center();
             let around = Aabb { min: truth + shift - AROUND_M, max: truth + shift + AROUND_M };
             for (n, &(length, _)) in LENGTHS.iter().enumerate() {
                 let image = image(&recorded.observations, length, &around);
-                let place = image.peak().map(|(index, _)| image.center(image.voxel(index)));
-                off[n][poses].push(place.map_or(f64::INFINITY, |place| place.distance(truth)));
-                if let (0, Some(place)) = (poses, place) {
-                    widths[n][0].push(width_m(&recorded.observations, length, place, DVec3::X));
-                    widths[n][1].push(width_m(&recorded.observations, length, place, DVec3::Z));
+                let position = image.peak().map(|(index, _)| image.center(image.voxel(index)));
+                off[n][poses].push(position.map_or(f64::INFINITY, |position| position.distance(truth)));
+                if let (0, Some(position)) = (poses, position) {
+                    widths[n][0].push(width_m(&recorded.observations, length, position, DVec3::X));
+                    widths[n][1].push(width_m(&recorded.observations, length, position, DVec3::Z));
                 }
             }
         }

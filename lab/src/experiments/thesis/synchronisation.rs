@@ -27,15 +27,18 @@ const SETTLED_S: f64 = 5.0;
 const FRAME_S: f64 = 1.0 / 120.0;
 const RESIDUAL_FRAMES: [f64; 6] = [7.0, 5.0, 10.0, 6.0, 9.0, 8.0];
 const DURATION_S: f64 = 12.0;
-/// Errors of the curve count from here on, seconds: before, the sensor rests and the lag is
+/// Errors of the curve count from here on, seconds. Choice: before, the sensor rests and the lag is
 /// unobservable.
 const FIRST_MOTION_S: f64 = 1.5;
-/// Interval of the running estimate, seconds.
+/// Interval of the running estimate, seconds, and number of sweeps of an image. Choice: fine enough
+/// for a curve of ten seconds; the thesis' job.
 const ESTIMATE_INTERVAL_S: f64 = 0.5;
 const SWEEPS: usize = 50;
-/// Number of sweeps that locate the reflector before its range is followed.
+/// Number of sweeps that locate the reflector before its range is followed. Choice: the error is
+/// near its least from here on.
 const PLACE_SWEEPS: usize = 150;
-/// Number of sweeps and voxel edge, metres, of the coarse search for the reflector.
+/// Number of sweeps and voxel edge, metres, of the coarse search for the reflector. Choice: the
+/// search only has to find the right peak.
 const SEARCH_SWEEPS: usize = 40;
 const SEARCH_VOXEL_M: f64 = 0.1;
 
@@ -138,10 +141,10 @@ fn window_lag(window: &OffsetWindow) -> Option<Lag> {
 }
 
 /// The newest value of the curve, estimated from the data up to each time.
-fn running_lags(told: &ReflectorSeries) -> Vec<Lag> {
+fn running_lags(estimate: &ReflectorSeries) -> Vec<Lag> {
     let until = |time_s: f64| {
         // Later data are not known yet: stamps may be ahead of sweeps.
-        let [radar, poses] = [&told.radar_range_m, &told.pose_range_m]
+        let [radar, poses] = [&estimate.radar_range_m, &estimate.pose_range_m]
             .map(|series| &series[..series.partition_point(|point| point[0] <= time_s)]);
         let curve = LagCurve::of(radar, poses)?;
         curve.lags().last().copied()
@@ -227,17 +230,17 @@ fn detection(
         ("overlaid-after", &followed.corrected, "with the lag corrected"),
     ];
     for (name, poses, words) in both {
-        let Ok(told) = lagging.estimate(poses) else { continue };
+        let Ok(estimate) = lagging.estimate(poses) else { continue };
         let title = format!("Headset and radar, {words} (seed {})", lagging.scenario.seed);
         outcome.draw(
             name,
-            overlaid(&told, &title),
+            overlaid(&estimate, &title),
             format!(
                 "As the thesis' figure 4.10: {words}. Below, the offset window by window, assumed constant in each."
             ),
         );
         if name == "overlaid-before" {
-            let windows: Vec<Lag> = told.windows.iter().filter_map(window_lag).collect();
+            let windows: Vec<Lag> = estimate.windows.iter().filter_map(window_lag).collect();
             let runs = running_lags(&followed.series);
             outcome.draw(
                 "lag-curve",
@@ -255,18 +258,18 @@ fn detection(
     Ok(())
 }
 
-fn overlaid(told: &Synchronisation, title: &str) -> radar_chaperone::report::Picture {
+fn overlaid(estimate: &Synchronisation, title: &str) -> radar_chaperone::report::Picture {
     let observed = |w: &OffsetWindow| w.estimate.filter(|e| e.observable).map(|e| (e.offset_s, e.sigma_s));
     let span = |w: &OffsetWindow| OffsetSpan {
         span_s: [w.from_s, w.to_s],
         by_phases: observed(w),
         by_rates: w.by_rates.map(|rates| (rates.offset_s, rates.sigma_s)),
     };
-    let offsets: Vec<OffsetSpan> = told.windows.iter().map(span).collect();
+    let offsets: Vec<OffsetSpan> = estimate.windows.iter().map(span).collect();
     synchronisation_plot(&SynchronisationPlot {
         title,
-        radar_m: &told.radar_range_m,
-        poses_m: &told.pose_range_m,
+        radar_m: &estimate.radar_range_m,
+        poses_m: &estimate.pose_range_m,
         offset_s: None,
         offsets: &offsets,
         enlarged_s: [0.5, SETTLED_S],

@@ -8,12 +8,12 @@ use radar_sar::Statistic;
 
 /// The thesis' motions and their speeds, m/s.
 const SPEEDS: [(&str, f64); 3] = [("approach-1.0", 1.0), ("approach-1.5", 1.5), ("approach-2.5", 2.5)];
-/// Time offsets between poses and sweeps, seconds: none, and as much as a link or a plugin may
-/// cause.
+/// Time offsets between poses and sweeps, seconds. Choice: none, and as much as a link or a plugin
+/// may cause.
 const OFFSETS_S: [f64; 3] = [0.0, 0.005, 0.02];
-/// Offsets that are drawn, seconds.
+/// Offsets that are drawn, seconds. Choice: the extremes.
 const DRAWN_S: [f64; 2] = [0.0, 0.02];
-/// Duration, seconds: long enough for the slowest motion to come near.
+/// Duration, seconds. Choice: long enough for the slowest motion to come near.
 const DURATION_S: f64 = 2.0;
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {

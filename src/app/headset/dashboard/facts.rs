@@ -12,9 +12,11 @@ use crate::settings::Settings;
 use radar_mapping::{MovingTarget, Obstacle, Wall};
 use radar_sar::geometry::Pose;
 
-/// Two-way amplitude at the edge of the drawn beam. Choice.
+/// Two-way amplitude at the edge of the drawn beam. Choice: the default of
+/// `rooms.subapertures.min_amplitude`, so the panel draws the beam that is imaged.
 const BEAM_EDGE_AMPLITUDE: f64 = 0.25;
-/// Least interval over which rates are computed, nanoseconds. Choice.
+/// Least interval over which rates are computed, nanoseconds. Choice: at 60 frames/s a shorter
+/// interval changes the shown rate by percents from one picture to the next.
 const MIN_RATE_INTERVAL_NS: i64 = 1_000_000_000;
 
 /// State of the frame loop.
@@ -141,7 +143,7 @@ fn plan(facts: &Facts, settings: &Settings, published: Option<&PublishedMap>) ->
     let (Some(published), Some(standing_from_session)) = (published, &facts.standing_from_session) else { return plan };
     let scene = published.scene.moved(standing_from_session);
     plan.walls_m = scene.walls.iter().filter_map(wall).collect();
-    plan.obstacles = scene.obstacles.iter().map(|obstacle| thing(obstacle, plan.head, settings)).collect();
+    plan.obstacles = scene.obstacles.iter().map(|obstacle| plan_obstacle(obstacle, plan.head, settings)).collect();
     plan.moving = scene.moving.iter().filter_map(mover).collect();
     plan
 }
@@ -175,27 +177,27 @@ fn wall(wall: &Wall) -> Option<[[f64; 2]; 2]> {
 
 /// Rounded to 5 cm; `None` for positions that are not finite.
 fn mover(moving: &MovingTarget) -> Option<PlanMovingTarget> {
-    let level = |place: DVec3| [place.x, place.z].map(|v| (v * 20.0).round() / 20.0);
+    let level = |point: DVec3| [point.x, point.z].map(|v| (v * 20.0).round() / 20.0);
     let mover =
         PlanMovingTarget { from_m: level(moving.seen_from.translation), arc_m: moving.arc_m().map(level).collect() };
     let is_somewhere = mover.arc_m.iter().chain([&mover.from_m]).all(|[x, z]| x.is_finite() && z.is_finite());
     is_somewhere.then_some(mover)
 }
 
-fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> PlanObstacle {
-    let level = |place: DVec3| [place.x, place.z];
-    let mut places: Vec<[f64; 2]> = obstacle.shape.iter().map(|(place, _)| level(*place)).collect();
-    if places.is_empty() {
+fn plan_obstacle(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> PlanObstacle {
+    let level = |point: DVec3| [point.x, point.z];
+    let mut points: Vec<[f64; 2]> = obstacle.shape.iter().map(|(point, _)| level(*point)).collect();
+    if points.is_empty() {
         let (at, half) = (obstacle.position_m, obstacle.extent_m / 2.0);
-        places = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+        points = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
             .map(|[x, z]| [at.x + x * half.x, at.z + z * half.z])
             .to_vec();
     }
-    let distance_m = |place: &[f64; 2], from: [f64; 2]| DVec2::from_array(*place).distance(DVec2::from_array(from));
+    let distance_m = |point: &[f64; 2], from: [f64; 2]| DVec2::from_array(*point).distance(DVec2::from_array(from));
     let is_near = head
-        .is_some_and(|head| places.iter().any(|place| distance_m(place, head.at_m) < settings.warning.fade_distance_m));
+        .is_some_and(|head| points.iter().any(|point| distance_m(point, head.at_m) < settings.warning.fade_distance_m));
     PlanObstacle {
-        outline_m: hull(&places),
+        outline_m: hull(&points),
         at_m: level(obstacle.position_m),
         sigma_m: axes(obstacle),
         is_near,
@@ -300,8 +302,11 @@ mod tests {
     fn obstacles_within_fade_distance_are_near() {
         let settings = Settings::default();
         let from = |x: f64| Some(head(&Pose::from_translation(DVec3::new(x, 1.6, -1.0)), &settings));
-        assert!(thing(&obstacle(), from(-0.7), &settings).is_near);
-        assert!(!thing(&obstacle(), from(-1.5), &settings).is_near && !thing(&obstacle(), None, &settings).is_near);
-        assert_eq!(thing(&obstacle(), None, &settings).outline_m.len(), 4);
+        assert!(plan_obstacle(&obstacle(), from(-0.7), &settings).is_near);
+        assert!(
+            !plan_obstacle(&obstacle(), from(-1.5), &settings).is_near
+                && !plan_obstacle(&obstacle(), None, &settings).is_near
+        );
+        assert_eq!(plan_obstacle(&obstacle(), None, &settings).outline_m.len(), 4);
     }
 }

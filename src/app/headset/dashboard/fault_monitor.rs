@@ -7,15 +7,17 @@
 use super::super::status::SensorCount;
 use crate::panel::Notice;
 
-/// Longest time from connecting to the first sweep, nanoseconds. Choice.
+/// Longest time from connecting to the first sweep, nanoseconds. Choice: a board's restart with its
+/// second set-up fits, so a normal start raises no notice.
 const MAX_START_NS: i64 = 12_000_000_000;
 /// Longest silence of a streaming sensor, nanoseconds. Choice: its own restart takes less.
 const MAX_SILENCE_NS: i64 = 4_000_000_000;
-/// Duration of a notice, nanoseconds. Choice.
+/// Duration of a notice, nanoseconds. Choice: time to notice two lines during a game and read them.
 const NOTICE_NS: i64 = 8_000_000_000;
-/// Interval from the start of a notice to its repetition, nanoseconds. Choice.
+/// Interval from the start of a notice to its repetition, nanoseconds. Choice: a wearer learns
+/// within a minute that warnings are missing; more often would drive them to switch it off.
 const REPEAT_NS: i64 = 60_000_000_000;
-/// Duration of the notice of a recovery, nanoseconds. Choice.
+/// Duration of the notice of a recovery, nanoseconds. Choice: short, because it asks for nothing.
 const RECOVERED_NOTICE_NS: i64 = 3_000_000_000;
 
 /// Monitors the sensor's sweeps and the reconstruction.
@@ -104,37 +106,37 @@ mod tests {
     use super::*;
 
     /// Notices of each second for a sensor's state in each second.
-    fn said(sensor: impl Fn(i64) -> Option<u64>, seconds: i64) -> Vec<Option<Notice>> {
+    fn notices(sensor: impl Fn(i64) -> Option<u64>, seconds: i64) -> Vec<Option<Notice>> {
         let mut troubles = FaultMonitor::default();
         let count = |sweeps| SensorCount { sweeps, lost: 0 };
         (0..seconds).map(|s| troubles.update(s * 1_000_000_000, sensor(s).map(count), Some(true))).collect()
     }
 
-    fn times(said: &[Option<Notice>], what: Notice) -> Vec<usize> {
-        said.iter().enumerate().filter(|(_, s)| **s == Some(what)).map(|(n, _)| n).collect()
+    fn times(notices: &[Option<Notice>], what: Notice) -> Vec<usize> {
+        notices.iter().enumerate().filter(|(_, s)| **s == Some(what)).map(|(n, _)| n).collect()
     }
 
     #[test]
     fn streaming_sensor_gives_no_notice() {
-        assert!(said(|s| Some(1 + s as u64), 300).iter().all(Option::is_none));
-        assert!(said(|s| (s > 8).then_some(s as u64), 300).iter().all(Option::is_none), "found after some seconds");
-        let begins = said(|s| Some((s - 11).max(0) as u64), 300);
+        assert!(notices(|s| Some(1 + s as u64), 300).iter().all(Option::is_none));
+        assert!(notices(|s| (s > 8).then_some(s as u64), 300).iter().all(Option::is_none), "found after some seconds");
+        let begins = notices(|s| Some((s - 11).max(0) as u64), 300);
         assert!(begins.iter().all(Option::is_none), "it was set up for some seconds");
     }
 
     #[test]
     fn silence_notice_repeats_each_minute_and_recovery_once() {
-        let said = said(|s| Some(if s < 150 { s.min(10) as u64 } else { s as u64 }), 200);
+        let notices = notices(|s| Some(if s < 150 { s.min(10) as u64 } else { s as u64 }), 200);
         let silent: Vec<usize> = (15..23).chain(75..83).chain(135..143).collect();
-        assert_eq!(times(&said, Notice::SensorSilent), silent);
-        assert_eq!(times(&said, Notice::Recovered), [150, 151, 152]);
+        assert_eq!(times(&notices, Notice::SensorSilent), silent);
+        assert_eq!(times(&notices, Notice::Recovered), [150, 151, 152]);
     }
 
     #[test]
     fn unplugged_and_missing_sensors_are_reported() {
-        let pulled = said(|s| (s < 10).then_some(s as u64), 40);
+        let pulled = notices(|s| (s < 10).then_some(s as u64), 40);
         assert_eq!(times(&pulled, Notice::SensorGone), (14..22).collect::<Vec<_>>());
-        let never = said(|_| None, 40);
+        let never = notices(|_| None, 40);
         assert_eq!(times(&never, Notice::NoSensor), (13..21).collect::<Vec<_>>());
     }
 
@@ -147,19 +149,19 @@ mod tests {
             40..100 => Some((s - 43).max(0) as u64),
             _ => Some(56 + (s - 133).max(0) as u64),
         };
-        let said = said(sweeps, 200);
-        assert_eq!(times(&said, Notice::SensorSilent), [0; 0]);
-        assert_eq!(times(&said, Notice::NoSensor), (13..21).collect::<Vec<_>>());
-        assert_eq!(times(&said, Notice::SensorGone), (104..112).collect::<Vec<_>>());
-        assert_eq!(times(&said, Notice::Recovered), [44, 45, 46, 134, 135, 136]);
+        let notices = notices(sweeps, 200);
+        assert_eq!(times(&notices, Notice::SensorSilent), [0; 0]);
+        assert_eq!(times(&notices, Notice::NoSensor), (13..21).collect::<Vec<_>>());
+        assert_eq!(times(&notices, Notice::SensorGone), (104..112).collect::<Vec<_>>());
+        assert_eq!(times(&notices, Notice::Recovered), [44, 45, 46, 134, 135, 136]);
     }
 
     #[test]
     fn flapping_sensor_is_reported_once_a_minute() {
         for (there, away) in [(2, 3), (20, 3)] {
-            let said = said(|s| (s % (there + away) < there).then_some(0), 200);
-            let any = said.iter().filter(|notice| notice.is_some()).count();
-            assert!((16..=32).contains(&any) && times(&said, Notice::Recovered).is_empty(), "{said:?}");
+            let notices = notices(|s| (s % (there + away) < there).then_some(0), 200);
+            let any = notices.iter().filter(|notice| notice.is_some()).count();
+            assert!((16..=32).contains(&any) && times(&notices, Notice::Recovered).is_empty(), "{notices:?}");
         }
     }
 
@@ -173,6 +175,6 @@ mod tests {
         let silent: Vec<_> = (0..40).map(|s| troubles.update(s * 1_000_000_000, sensor, Some(true))).collect();
         assert!(silent.contains(&Some(Notice::SensorSilent)) && silent[39].is_none(), "{silent:?}");
         let stopped = troubles.update(40_000_000_000, sensor, Some(false));
-        assert_eq!(stopped, Some(Notice::MapStopped), "though another trouble was said a moment ago");
+        assert_eq!(stopped, Some(Notice::MapStopped), "though another fault was reported a moment ago");
     }
 }

@@ -28,14 +28,17 @@ use crate::panel;
 use crate::panel::Notice;
 use crate::render::RenderError;
 
-/// Interval of visibility checks, nanoseconds; an event triggers one at once. Choice.
+/// Interval of visibility checks, nanoseconds; an event triggers one at once. Choice: catches a
+/// missed event before one notices, at four calls of the runtime a second.
 const CHECK_INTERVAL_NS: i64 = 250_000_000;
-/// Events taken per frame. Choice.
+/// Events taken per frame. Choice: bounds the time in a frame; a pointer sends a few events a
+/// frame, the rest waits for the next.
 const MAX_EVENTS: usize = 64;
-/// Bound of messages to the worker. Choice.
+/// Bound of messages to the worker. Choice: several frames of the most events; the worker empties
+/// it every 15 ms.
 const MAX_INPUTS: usize = 256;
 /// Pictures kept alive after they were replaced, because the runtime copies them on our queue.
-/// Choice.
+/// Choice: as many as the worker rotates, so none is overwritten while it may be copied.
 const RETAINED_PICTURES: usize = 3;
 
 /// Messages to the worker.
@@ -223,8 +226,8 @@ impl Dashboard {
         let queue = &graphics.device.queue;
         queue.submit(drawing.commands.drain(..));
         let is_done = Arc::new(AtomicBool::new(false));
-        let tell = Arc::clone(&is_done);
-        queue.on_submitted_work_done(move || tell.store(true, Ordering::Release));
+        let signal = Arc::clone(&is_done);
+        queue.on_submitted_work_done(move || signal.store(true, Ordering::Release));
         self.under_way = Some((drawing, is_done));
     }
 

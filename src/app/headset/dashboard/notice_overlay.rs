@@ -10,14 +10,16 @@ use crate::panel::Notice;
 use radar_sar::geometry::Pose;
 
 /// Distance from the eyes, and depth below the straight view so that it hides little of the game,
-/// metres. Choice.
+/// metres. Choice: about where headsets focus, and 17° down.
 const DISTANCE_M: f64 = 1.2;
 const BELOW_M: f64 = 0.36;
-/// Width, metres: letters of 1.5°. Choice.
+/// Width, metres. Choice: letters of 1.5°, which any headset resolves.
 const WIDTH_M: f64 = 0.82;
-/// Duration of a fade, nanoseconds. Choice.
+/// Duration of a fade, nanoseconds. Choice: sudden lights startle; slower, a notice of 3 s would
+/// not reach its brightness for long.
 const FADE_NS: i64 = 400_000_000;
-/// Sort order: in front of all warnings. Choice.
+/// Sort order: in front of all warnings. Choice: above the panels' orders of 0 and 1, with room for
+/// other programs between.
 const SORT_ORDER: u32 = 1000;
 
 /// The notice's overlay.

@@ -22,18 +22,24 @@ use crate::panel;
 use crate::panel::{Notice, PanelActions, PanelView};
 use crate::settings::Settings;
 
-/// Least interval of pictures, nanoseconds: 30 a second. Choice.
+/// Least interval of pictures, nanoseconds: 30 a second. Choice: a slider follows the hand; more
+/// would take graphics time from the game.
 const MIN_PICTURE_INTERVAL_NS: i64 = 33_000_000;
-/// Least interval of pictures without user input, nanoseconds. Choice.
+/// Least interval of pictures without user input, nanoseconds. Choice: numbers that change ten
+/// times a second are already faster than one reads.
 const IDLE_PICTURE_INTERVAL_NS: i64 = 100_000_000;
-/// Polling interval while the tab is shown, and while it is hidden. Choice.
+/// Polling interval while the tab is shown, and while it is hidden. Choice: half a picture's
+/// interval; hidden, nothing is due and a message ends the wait at once.
 const POLL_INTERVAL: Duration = Duration::from_millis(15);
 const IDLE_POLL_INTERVAL: Duration = Duration::from_secs(60);
-/// Bound of pointer events that wait for the next picture. Choice.
+/// Bound of pointer events that wait for the next picture. Choice: about a second of a pointer at
+/// full rate; later ones are dropped while no picture can be drawn.
 const MAX_EVENTS: usize = 256;
-/// Size of the dashboard button's picture, pixels. Choice.
+/// Size of the dashboard button's picture, pixels. Choice: more than a dashboard button covers in a
+/// headset, so it is never scaled up.
 const THUMBNAIL_PX: u32 = 256;
-/// Textures in rotation: the runtime may still copy the last one, on the same queue. Choice.
+/// Textures in rotation: the runtime may still copy the last one, on the same queue. Choice: one
+/// shown, one being copied, one being drawn.
 const TARGETS: usize = 3;
 /// The format that the runtime accepts, with egui's own blending.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;

@@ -142,7 +142,7 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTri
             SHARP_M * 100.0
         ),
     });
-    // A logarithmic axis has no place for an outage of 0.
+    // A logarithmic axis cannot show an outage of 0.
     let series = |name: &str, values: Vec<f64>| Series {
         name: name.into(),
         points: OUTAGE_DURATIONS_S.iter().zip(values).skip(1).map(|(s, v)| [*s, v]).collect(),
@@ -168,12 +168,16 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTri
     outcome.draw("outage-pose", pose.draw(), "Fused poses at the end of the outage, medians.");
     let column =
         |images: &[Vec<f64>], n: usize, by: f64| images.iter().map(|image| image[n] * by).collect::<Vec<f64>>();
-    let mut places = each(&|lost| column(&lost.images, 2, 1e3));
-    places.push(series("tracker alone", column(&alone, 2, 1e3)));
-    let place = chart("Inertia during a tracker outage: error of the reflector", "error of the reflector (mm)", places);
+    let mut position_errors = each(&|lost| column(&lost.images, 2, 1e3));
+    position_errors.push(series("tracker alone", column(&alone, 2, 1e3)));
+    let position_chart = chart(
+        "Inertia during a tracker outage: error of the reflector",
+        "error of the reflector (mm)",
+        position_errors,
+    );
     outcome.draw(
         "outage-reflector",
-        place.draw(),
+        position_chart.draw(),
         "Position of the reflector from the last four seconds before the \
         tracker returns. The tracker alone has only sweeps from before the outage, and none when the outage lasts \
         longer.",

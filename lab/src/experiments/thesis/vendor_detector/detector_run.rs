@@ -24,21 +24,21 @@ pub(super) struct WindowWithTruth {
     pub sensor: Observation,
     /// Tracked velocity, m/s.
     pub tracked_m_per_s: DVec3,
-    pub look: DetectorResult,
+    pub result: DetectorResult,
 }
 
 impl WindowWithTruth {
-    pub fn distance_m(&self, place: DVec3) -> f64 {
-        place.distance(self.sensor.tracking_from_sensor.translation)
+    pub fn distance_m(&self, point: DVec3) -> f64 {
+        point.distance(self.sensor.tracking_from_sensor.translation)
     }
 
-    pub fn toward(&self, place: DVec3) -> DVec3 {
-        (place - self.sensor.tracking_from_sensor.translation).normalize_or_zero()
+    pub fn toward(&self, point: DVec3) -> DVec3 {
+        (point - self.sensor.tracking_from_sensor.translation).normalize_or_zero()
     }
 
     /// Rate at which the distance to a point grows, m/s.
-    pub fn velocity_m_per_s(&self, place: DVec3) -> f64 {
-        -self.sensor.velocity_m_per_s.dot(self.toward(place))
+    pub fn velocity_m_per_s(&self, point: DVec3) -> f64 {
+        -self.sensor.velocity_m_per_s.dot(self.toward(point))
     }
 
     pub fn speed_m_per_s(&self) -> f64 {
@@ -46,23 +46,26 @@ impl WindowWithTruth {
     }
 
     /// Angle between the path and a point.
-    pub fn angle_deg(&self, place: DVec3) -> f64 {
-        angle_deg(self.sensor.velocity_m_per_s, self.toward(place))
+    pub fn angle_deg(&self, point: DVec3) -> f64 {
+        angle_deg(self.sensor.velocity_m_per_s, self.toward(point))
     }
 
-    pub fn off_boresight_deg(&self, place: DVec3) -> f64 {
-        angle_deg(self.sensor.tracking_from_sensor.forward(), self.toward(place))
+    pub fn off_boresight_deg(&self, point: DVec3) -> f64 {
+        angle_deg(self.sensor.tracking_from_sensor.forward(), self.toward(point))
     }
 
     /// The strongest reflection, if it is at the range of a point.
-    pub fn found(&self, place: DVec3) -> Option<&Reflection> {
-        self.look.reflections.first().filter(|found| (found.distance_m - self.distance_m(place)).abs() < RANGE_MATCH_M)
+    pub fn found(&self, point: DVec3) -> Option<&Reflection> {
+        self.result
+            .reflections
+            .first()
+            .filter(|found| (found.distance_m - self.distance_m(point)).abs() < RANGE_MATCH_M)
     }
 
     /// Whether a reflection matches a point in range and speed.
-    pub fn matches(&self, found: &Reflection, place: DVec3) -> bool {
-        (found.distance_m - self.distance_m(place)).abs() < RANGE_MATCH_M
-            && (found.velocity_m_per_s - self.velocity_m_per_s(place)).abs() < SPEED_MATCH_M_PER_S
+    pub fn matches(&self, found: &Reflection, point: DVec3) -> bool {
+        (found.distance_m - self.distance_m(point)).abs() < RANGE_MATCH_M
+            && (found.velocity_m_per_s - self.velocity_m_per_s(point)).abs() < SPEED_MATCH_M_PER_S
     }
 }
 
@@ -104,12 +107,12 @@ impl DetectorRun {
         let mut detector = VendorDetector::new(config.sampling(), &empty(&scenario)?);
         let back_ns = (0.5 * f64::from(config.sweeps) / config.sweep_rate_hz() * 1e9) as i64;
         let sight = |frame: &Frame| {
-            let look = detector.push(&sweeps(frame, sensor.points_per_sweep()))?;
+            let result = detector.push(&sweeps(frame, sensor.points_per_sweep()))?;
             let middle_ns = frame.host_time_ns - back_ns;
             let at = |all: &[Observation]| all.get(all.partition_point(|o| o.mid_time_ns < middle_ns)).cloned();
             let time_s = (middle_ns - begin_ns) as f64 * 1e-9;
             let tracked_m_per_s = at(&observations)?.velocity_m_per_s;
-            Some(WindowWithTruth { time_s, sensor: at(&exact)?, tracked_m_per_s, look })
+            Some(WindowWithTruth { time_s, sensor: at(&exact)?, tracked_m_per_s, result })
         };
         let windows = simulated.frames.iter().filter_map(sight).collect();
         let truth_m = things_m.first().copied().unwrap_or(DVec3::NAN);
@@ -124,11 +127,11 @@ impl DetectorRun {
 
     /// Windows in which an object is expected to be seen: within range, in the beam, the sensor
     /// moving.
-    pub fn detectable(&self, config: &DetectorConfig, place: DVec3) -> impl Iterator<Item = &WindowWithTruth> {
+    pub fn detectable(&self, config: &DetectorConfig, point: DVec3) -> impl Iterator<Item = &WindowWithTruth> {
         let [near_m, far_m] = config.range_m;
         self.windows.iter().filter(move |sight| {
-            (near_m..=far_m).contains(&sight.distance_m(place))
-                && sight.off_boresight_deg(place) < MAX_OFF_BORESIGHT_DEG
+            (near_m..=far_m).contains(&sight.distance_m(point))
+                && sight.off_boresight_deg(point) < MAX_OFF_BORESIGHT_DEG
                 && sight.speed_m_per_s() > MIN_SPEED_M_PER_S
         })
     }

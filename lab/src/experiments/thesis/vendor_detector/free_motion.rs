@@ -11,23 +11,23 @@ use radar_chaperone::report::{Chart, Series, Table};
 
 /// Evaluates both head motions. `right`: the detector's accuracy on a straight path.
 pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccuracy) -> Result<(), ExperimentError> {
-    let (mut rows, mut told) = (Vec::new(), Vec::new());
+    let (mut rows, mut findings) = (Vec::new(), Vec::new());
     let (mut as_it_is, mut with_way, mut rings, mut boxes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut as_is_off, mut own_off) = (Vec::new(), Vec::new());
     for (motion, words) in FREE_MOTIONS {
-        let (mut looks, mut seen, mut cones, mut ahead, mut along, mut space) =
+        let (mut windows, mut seen, mut cones, mut ahead, mut along, mut space) =
             (0, 0, 0, Vec::new(), Vec::new(), Vec::new());
         let (mut own, mut own_space, mut own_long, mut known) = (Vec::new(), Vec::new(), Vec::new(), "range alone");
         let (mut lengths, mut too_fast) = (Vec::new(), 0);
         for seed in 1..=trials.seeds {
             let watched = DetectorRun::of("corner-reflector", motion, &FREE_CONFIG, FREE_DURATION_S, seed)?;
-            let place = watched.recorded.truth_m;
-            for sight in watched.detectable(&FREE_CONFIG, place) {
-                looks += 1;
-                too_fast += usize::from(sight.velocity_m_per_s(place).abs() > FREE_CONFIG.max_speed_m_per_s);
-                let Some(found) = sight.found(place) else { continue };
+            let point = watched.recorded.truth_m;
+            for sight in watched.detectable(&FREE_CONFIG, point) {
+                windows += 1;
+                too_fast += usize::from(sight.velocity_m_per_s(point).abs() > FREE_CONFIG.max_speed_m_per_s);
+                let Some(found) = sight.found(point) else { continue };
                 seen += 1;
-                let ring = ring(sight, place, right);
+                let ring = ring(sight, point, right);
                 space.push(ring.cm3);
                 lengths.push(ring.length_m);
                 if motion == FREE_MOTIONS[0].0 && seed == 1 {
@@ -38,17 +38,17 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
                 };
                 cones += 1;
                 let cone = cone.to_degrees();
-                ahead.push((cone - sight.off_boresight_deg(place)).abs());
-                let true_angle = angle_deg(sight.tracked_m_per_s, sight.toward(place));
+                ahead.push((cone - sight.off_boresight_deg(point)).abs());
+                let true_angle = angle_deg(sight.tracked_m_per_s, sight.toward(point));
                 along.push((cone - true_angle).abs());
                 // Every fourth point is enough for the plot.
                 if motion == FREE_MOTIONS[0].0 && cones % 4 == 0 {
-                    as_it_is.push([sight.off_boresight_deg(place), cone]);
+                    as_it_is.push([sight.off_boresight_deg(point), cone]);
                     with_way.push([true_angle, cone]);
                 }
             }
             let refined = watched.located_until(FREE_DURATION_S);
-            own.push(refined.as_ref().map_or(f64::INFINITY, |refined| refined.position_m.distance(place)));
+            own.push(refined.as_ref().map_or(f64::INFINITY, |refined| refined.position_m.distance(point)));
             own_space.push(refined.as_ref().map_or(f64::INFINITY, box_cm3));
             own_long.push(refined.as_ref().map_or(f64::INFINITY, longest_m));
             known = observed(&[refined]);
@@ -62,13 +62,13 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
             [&ahead, &along, &space, &lengths, &own, &own_space, &own_long].map(|values| quantile(values, 0.5));
         rows.push(vec![
             words.to_owned(),
-            looks.to_string(),
-            share(seen, looks),
+            windows.to_string(),
+            share(seen, windows),
             share(cones, seen),
             format!("{ahead_off:.0}"),
             format!("{along_off:.1}"),
             format!("{:.0}", quantile(&along, 0.95)),
-            share(too_fast, looks),
+            share(too_fast, windows),
             format!("{length:.2}"),
             format!("{ring:.1}"),
             mm(own_mid),
@@ -76,7 +76,7 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
             format!("{own_box:.3}"),
             known.to_owned(),
         ]);
-        told.push(format!(
+        findings.push(format!(
             "{words}: cone {ahead_off:.0}° off about the boresight, {along_off:.1}° off about the tracked path, \
              which leaves a ring of {length:.1} m; ours is {} mm off and leaves {} mm",
             mm(own_mid),
@@ -119,7 +119,7 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
     outcome.add_finding(
         "The detector is a simpler predecessor; where the motion is unpredictable more is needed (1, 2.5).",
         as_is_off.iter().all(|off| *off > 20.0) && own_off.iter().all(|off| *off < 0.05),
-        told.join("; "),
+        findings.join("; "),
     );
     outcome.tables.push(Table {
         head: head(&[

@@ -19,9 +19,9 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
         (ROBOT.0, "straight ahead at 0.3 m/s", DetectorConfig::default(), ROBOT_DURATION_S),
         (FREE_MOTIONS[0].0, FREE_MOTIONS[0].1, FREE_CONFIG, FREE_DURATION_S),
     ];
-    let (mut rows, mut told, mut both_shares, mut split_pair) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut rows, mut findings, mut both_shares, mut split_pair) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (motion, words, config, duration_s) in trips {
-        let (mut looks, mut both, mut wrong) = (0usize, 0usize, 0usize);
+        let (mut windows, mut both, mut wrong) = (0usize, 0usize, 0usize);
         // Number of windows, and of those that show both objects, by whether the speeds are at
         // least two bins apart.
         let mut by_speed = [[0usize; 2]; 2];
@@ -34,17 +34,17 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
                 .filter(|sight| watched.detectable(&config, right).any(|other| std::ptr::eq(*sight, other)))
                 .collect();
             for sight in &detectable {
-                looks += 1;
-                let shown = |place| sight.look.reflections.iter().position(|found| sight.matches(found, place));
+                windows += 1;
+                let shown = |point| sight.result.reflections.iter().position(|found| sight.matches(found, point));
                 // Each by a reflection of its own.
                 let are_both = matches!((shown(left), shown(right)), (Some(a), Some(b)) if a != b);
                 both += usize::from(are_both);
                 let apart = (sight.velocity_m_per_s(left) - sight.velocity_m_per_s(right)).abs();
-                let of_speed = &mut by_speed[usize::from(apart >= 2.0 * sight.look.spectrum.bin_m_per_s)];
+                let of_speed = &mut by_speed[usize::from(apart >= 2.0 * sight.result.spectrum.bin_m_per_s)];
                 of_speed[0] += 1;
                 of_speed[1] += usize::from(are_both);
                 let of_neither = |found: &&Reflection| !sight.matches(found, left) && !sight.matches(found, right);
-                wrong += usize::from(sight.look.reflections.iter().filter(of_neither).count() > 0);
+                wrong += usize::from(sight.result.reflections.iter().filter(of_neither).count() > 0);
             }
             if seed == 1
                 && motion == ROBOT.0
@@ -59,14 +59,14 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
                 off.push(apart(found[0], found[1]).min(apart(found[1], found[0])));
             }
         }
-        let share = |part: usize| 100.0 * part as f64 / looks.max(1) as f64;
+        let share = |part: usize| 100.0 * part as f64 / windows.max(1) as f64;
         let part = |[of, part]: [usize; 2]| {
             if of > 0 { format!("{:.0}", 100.0 * part as f64 / of as f64) } else { "–".into() }
         };
         let off_m = if off.is_empty() { f64::NAN } else { quantile(&off, 0.5) };
         rows.push(vec![
             words.to_owned(),
-            looks.to_string(),
+            windows.to_string(),
             format!("{:.0}", share(both)),
             part(by_speed[0]),
             part(by_speed[1]),
@@ -74,7 +74,7 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
             format!("{two} of {}", trials.seeds),
             mm(off_m),
         ]);
-        told.push(format!(
+        findings.push(format!(
             "{words}: both in {:.0} % of the detector's windows ({}); ours separates them in {two} of {} recordings, \
              {} mm off",
             share(both),
@@ -92,7 +92,7 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
         "Each bin of the transform is another speed relative to the robot (2.5): two objects at one range are \
          separated by their speeds.",
         both_shares.iter().all(|share| *share > 50.0),
-        told.join("; "),
+        findings.join("; "),
     );
     outcome.tables.push(Table {
         head: head(&[

@@ -9,7 +9,7 @@ use radar_sar::math;
 
 /// Draws a window with the true and the detected reflections.
 pub(super) fn draw_look(outcome: &mut Outcome, name: &str, title: &str, sight: &WindowWithTruth, things_m: &[DVec3]) {
-    let spectrum = &sight.look.spectrum;
+    let spectrum = &sight.result.spectrum;
     let count = spectrum.bins.len();
     let mut bins: Vec<usize> = (0..count).collect();
     bins.sort_by(|a, b| spectrum.velocity_m_per_s(*a as f64).total_cmp(&spectrum.velocity_m_per_s(*b as f64)));
@@ -29,8 +29,8 @@ pub(super) fn draw_look(outcome: &mut Outcome, name: &str, title: &str, sight: &
         columns: axis.points,
         values: bins.iter().flat_map(decibels).collect(),
         scale: [-50.0, 0.0],
-        truth: things_m.iter().map(|&place| [sight.distance_m(place), sight.velocity_m_per_s(place)]).collect(),
-        found: sight.look.reflections.iter().map(|found| [found.distance_m, found.velocity_m_per_s]).collect(),
+        truth: things_m.iter().map(|&point| [sight.distance_m(point), sight.velocity_m_per_s(point)]).collect(),
+        found: sight.result.reflections.iter().map(|found| [found.distance_m, found.velocity_m_per_s]).collect(),
     };
     outcome.draw(name, picture.draw(), format!("{title}: range and speed, as the thesis' figure 2.4."));
 }

@@ -18,24 +18,24 @@ pub(super) fn straight(trials: &Trials, outcome: &mut Outcome) -> Result<Detecto
     let watched: Vec<DetectorRun> = watched.collect::<Result<_, _>>()?;
     let (mut rows, mut measured, mut by_ours) = (Vec::new(), Vec::new(), Vec::new());
     let (mut all_range, mut all_speed, mut worst_angle, mut least_seen) = (Vec::new(), Vec::new(), 0.0f64, 1.0f64);
-    let (mut extra, mut all_looks) = (0, 0);
+    let (mut extra, mut all_windows) = (0, 0);
     for angle in ANGLES_DEG {
-        let (mut looks, mut others, mut no_angle) = (0, 0, 0);
+        let (mut windows, mut others, mut no_angle) = (0, 0, 0);
         let (mut range, mut speed, mut angles) = (Vec::new(), Vec::new(), Vec::new());
         let (mut own_range, mut own_angle, mut known) = (Vec::new(), Vec::new(), "range alone");
         for watched in &watched {
-            let place = watched.recorded.truth_m;
+            let point = watched.recorded.truth_m;
             let mut last = None;
-            for sight in watched.detectable(&config, place) {
-                let true_angle = sight.angle_deg(place);
+            for sight in watched.detectable(&config, point) {
+                let true_angle = sight.angle_deg(point);
                 if (true_angle - angle).abs() > ANGLE_HALF_DEG {
                     continue;
                 }
-                (looks, last) = (looks + 1, Some(sight));
-                others += sight.look.reflections.len().saturating_sub(1);
-                let Some(found) = sight.found(place) else { continue };
-                range.push((found.distance_m - sight.distance_m(place)).abs());
-                speed.push((found.velocity_m_per_s - sight.velocity_m_per_s(place)).abs());
+                (windows, last) = (windows + 1, Some(sight));
+                others += sight.result.reflections.len().saturating_sub(1);
+                let Some(found) = sight.found(point) else { continue };
+                range.push((found.distance_m - sight.distance_m(point)).abs());
+                speed.push((found.velocity_m_per_s - sight.velocity_m_per_s(point)).abs());
                 match cone_angle_rad(found.velocity_m_per_s, ROBOT.1) {
                     Some(cone) => {
                         angles.push((cone.to_degrees() - true_angle).abs());
@@ -47,30 +47,30 @@ pub(super) fn straight(trials: &Trials, outcome: &mut Outcome) -> Result<Detecto
             let Some(sight) = last else { continue };
             if let Some(refined) = watched.located_until(sight.time_s) {
                 let own = sight.angle_deg(refined.position_m);
-                own_range.push((sight.distance_m(refined.position_m) - sight.distance_m(place)).abs());
-                own_angle.push((own - sight.angle_deg(place)).abs());
-                by_ours.push([sight.angle_deg(place), own]);
+                own_range.push((sight.distance_m(refined.position_m) - sight.distance_m(point)).abs());
+                own_angle.push((own - sight.angle_deg(point)).abs());
+                by_ours.push([sight.angle_deg(point), own]);
                 known = observed(&[Some(refined)]);
             }
         }
         let [r, s, a, own_r, own_a] =
             [&range, &speed, &angles, &own_range, &own_angle].map(|values| quantile(values, 0.5));
-        let seen = range.len() as f64 / f64::from(looks.max(1));
+        let seen = range.len() as f64 / f64::from(windows.max(1));
         rows.push(vec![
             format!("{angle:.0} ± {ANGLE_HALF_DEG:.0}"),
-            looks.to_string(),
+            windows.to_string(),
             format!("{:.0}", seen * 100.0),
             mm(r),
             mm(s),
             format!("{a:.1}"),
             format!("{:.1}", quantile(&angles, 0.95)),
             no_angle.to_string(),
-            format!("{:.1}", others as f64 / f64::from(looks.max(1))),
+            format!("{:.1}", others as f64 / f64::from(windows.max(1))),
             mm(own_r),
             format!("{own_a:.1}"),
             known.to_owned(),
         ]);
-        (extra, all_looks) = (extra + others, all_looks + looks);
+        (extra, all_windows) = (extra + others, all_windows + windows);
         (worst_angle, least_seen) = (worst_angle.max(a), least_seen.min(seen));
         all_range.extend(range);
         all_speed.extend(speed);
@@ -79,10 +79,10 @@ pub(super) fn straight(trials: &Trials, outcome: &mut Outcome) -> Result<Detecto
     let right =
         DetectorAccuracy { distance_m: quantile(&all_range, 0.683), velocity_m_per_s: quantile(&all_speed, 0.683) };
     if let Some(first) = watched.first() {
-        let place = first.recorded.truth_m;
-        let near = |sight: &&WindowWithTruth| (sight.angle_deg(place) - 45.0).abs();
-        if let Some(sight) = first.detectable(&config, place).min_by(|a, b| near(a).total_cmp(&near(b))) {
-            draw_look(outcome, "range-and-speed", "One window: one reflector, 45° off the path", sight, &[place]);
+        let point = first.recorded.truth_m;
+        let near = |sight: &&WindowWithTruth| (sight.angle_deg(point) - 45.0).abs();
+        if let Some(sight) = first.detectable(&config, point).min_by(|a, b| near(a).total_cmp(&near(b))) {
+            draw_look(outcome, "range-and-speed", "One window: one reflector, 45° off the path", sight, &[point]);
         }
     }
     let line = Series { name: "truth".into(), points: vec![[28.0, 28.0], [62.0, 62.0]], joined: true };
@@ -106,7 +106,7 @@ pub(super) fn straight(trials: &Trials, outcome: &mut Outcome) -> Result<Detecto
         least_seen >= 0.95 && r < 0.01 && s < 0.02,
         format!(
             "straight ahead at 0.3 m/s: seen in at least {:.0} % of the windows, {} mm and {} mm/s off in the \
-             median; also {extra} spurious reflections in {all_looks} windows",
+             median; also {extra} spurious reflections in {all_windows} windows",
             least_seen * 100.0,
             mm(r),
             mm(s)

@@ -23,14 +23,15 @@ pub(super) struct UncertaintyRing {
     pub cm3: f64,
 }
 
-pub(super) fn ring(sight: &WindowWithTruth, place: DVec3, right: DetectorAccuracy) -> UncertaintyRing {
-    let (distance_m, speed) = (sight.distance_m(place), sight.speed_m_per_s());
-    let cos = math::cos(sight.angle_deg(place).to_radians());
+pub(super) fn ring(sight: &WindowWithTruth, point: DVec3, right: DetectorAccuracy) -> UncertaintyRing {
+    let (distance_m, speed) = (sight.distance_m(point), sight.speed_m_per_s());
+    let cos = math::cos(sight.angle_deg(point).to_radians());
     let half = right.velocity_m_per_s / speed;
     let band = (cos + half).min(1.0) - (cos - half).max(-1.0);
     let along = sight.sensor.velocity_m_per_s.normalize_or(DVec3::Z);
     let (a, b) = along.any_orthonormal_pair();
     let sin = (1.0 - cos * cos).max(0.0).sqrt();
+    /// Corners of the drawn ring. Choice: it looks round.
     const PARTS: usize = 180;
     let on_ring = |n: usize| {
         let (y, x) = math::sin_cos(n as f64 / PARTS as f64 * std::f64::consts::TAU);
@@ -66,16 +67,16 @@ mod tests {
     fn uncertainty_ring_is_the_shell_between_two_cones() {
         let config = DetectorConfig::default();
         let watched = DetectorRun::of("corner-reflector", ROBOT.0, &config, 2.2, 1).unwrap();
-        let place = watched.recorded.truth_m;
-        let sight = watched.detectable(&config, place).last().unwrap();
+        let point = watched.recorded.truth_m;
+        let sight = watched.detectable(&config, point).last().unwrap();
         let right = DetectorAccuracy { distance_m: 0.01, velocity_m_per_s: 0.003 };
         // At 0.3 m/s the cosine is known to ±0.01. The whole ring is in the beam, since the robot
         // faces its path.
-        let cm3 = std::f64::consts::TAU * 0.02 * sight.distance_m(place).powi(2) * 0.02 * 1e6;
-        let ring = ring(sight, place, right);
+        let cm3 = std::f64::consts::TAU * 0.02 * sight.distance_m(point).powi(2) * 0.02 * 1e6;
+        let ring = ring(sight, point, right);
         assert!((ring.cm3 / cm3 - 1.0).abs() < 1e-6);
         // The reflector is 30 cm beside the path.
         assert!((ring.length_m - std::f64::consts::TAU * 0.3).abs() < 0.01);
-        assert!((sight.angle_deg(place) - sight.off_boresight_deg(place)).abs() < 0.1);
+        assert!((sight.angle_deg(point) - sight.off_boresight_deg(point)).abs() < 0.1);
     }
 }
