@@ -81,7 +81,7 @@ fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &
     let now_ns = now_ns();
     for line in lines {
         match TimedCommand::parse(line) {
-            Ok(command) => world.schedule(command),
+            Ok(command) => world.script.schedule(command),
             Err(error) => eprintln!("fake runtime: commands.jsonl: {error}"),
         }
     }
