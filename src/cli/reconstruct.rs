@@ -1,5 +1,7 @@
 //! `radar-chaperone reconstruct FILE --statistic NAME --voxel-m V --out V.npy`: the evidence in
 //! space, as a volume.
+//!
+//! `Reconstruct` has 16 fields: they are the command line's arguments, one field each.
 
 use std::path::PathBuf;
 

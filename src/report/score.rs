@@ -70,7 +70,7 @@ pub struct ObstacleScore {
     pub nearest_report_m: Option<f64>,
 }
 
-/// The complete score.
+/// The complete score. 17 fields: one record, serialised as it is.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Score {
     /// The distance limits used.

@@ -14,25 +14,35 @@
 //! known already masks first, because most of the echoes on a new circle belong to it.
 
 mod aspect;
+mod candidate;
+mod detection;
 mod masks;
 mod plane;
+mod points;
+mod query;
+mod residual;
 mod scoring;
+mod subapertures;
 
-use glam::{DMat3, DVec3, IVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::existence::Likelihood;
 use super::hands::HandTrail;
-use super::responses::{CachedResponse, Response, ResponseCache, information, sigma_m};
+use super::responses::{Response, ResponseCache};
 pub use aspect::Aspect;
-use masks::Mask;
+use candidate::{Candidate, Hypothesis, take_best};
+pub use detection::Detection;
+use detection::covariance_m2;
 pub(super) use masks::hand_masks;
-use radar_sar::Beam;
+use points::PointSearch;
+use query::SubapertureQuery;
 use radar_sar::geometry::Plane;
 use radar_sar::subaperture::{Subaperture, SubapertureSettings};
-use radar_sar::{BoundedSettings, SettingBound, bounds, math};
-use scoring::{Score, WeightedResponse, amplitude_spread_of, robust_score};
+use radar_sar::{Beam, BoundedSettings, SettingBound, bounds};
+use residual::Residual;
+use subapertures::WeightedSubapertures;
 
 /// Parameters of CLEAN.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -104,80 +114,6 @@ impl Default for CleanSettings {
     }
 }
 
-/// A detected plane or point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Detection<T> {
-    /// Estimated plane or point.
-    pub estimate: T,
-    /// A/√B over the unmasked sub-apertures; for a point, A is reduced by what its uneven strengths
-    /// cost.
-    pub score: f64,
-    /// Number of unmasked sub-apertures.
-    pub subapertures: usize,
-    /// Observable: a point is distinguishable from the rest of its range circle, a plane from a
-    /// point. This holds for these sub-apertures or, once the mapper has queried the history, for
-    /// them together with those from before the window.
-    pub observable: bool,
-    /// For a point: 1σ, all directions together, from ranges and directions, metres. For a plane:
-    /// 1σ of its position 1 m beside where it was seen, metres.
-    pub sigma_m: f64,
-    /// The score without the best `ROBUST_SEGMENT_NS` of the window. An object that is present for
-    /// longer than a passing hand, or than an artefact of one movement, keeps most of its score.
-    pub robust_score: f64,
-    /// Mean of the logarithm of the clutter at its range, relative to noise, over the significant
-    /// responses. Artefacts need such clutter.
-    pub ln_clutter: f64,
-    /// Greatest range among the significant responses, metres.
-    pub farthest_m: f64,
-    /// Spread of the reflected powers that the significant responses imply, 1σ in e-folds of power.
-    pub amplitude_spread: f64,
-    /// Share of the unmasked sub-apertures whose response is not significant.
-    pub miss_fraction: f64,
-    /// The highest score of a point elsewhere that the same echoes would support, relative to its
-    /// own score. At 1 the two cannot be distinguished.
-    pub ambiguity: f64,
-    /// Geometry and strength at which it was seen.
-    pub aspect: Aspect,
-    /// Log odds that it is a real object and not an artefact; infinite where the classifier was not
-    /// asked.
-    pub log_odds: f64,
-    /// Middle times of the first and last of these sub-apertures, host nanoseconds.
-    pub first_ns: i64,
-    /// See `first_ns`.
-    pub last_ns: i64,
-}
-
-/// The sub-apertures of a window and what is masked in each.
-pub struct CleanWindow<'a> {
-    subapertures: Vec<&'a Subaperture>,
-    weights: Vec<f64>,
-    /// `[sub-aperture]`
-    masks: Vec<Vec<Mask>>,
-    settings: &'a CleanSettings,
-    subaperture_settings: &'a SubapertureSettings,
-    beam: &'a Beam,
-    min_cos: f64,
-    plane_min_cos: f64,
-    cache: &'a mut ResponseCache,
-}
-
-/// A candidate's geometry.
-#[derive(Debug, Clone, Copy)]
-enum Hypothesis {
-    Plane(Plane),
-    Point(DVec3),
-}
-
-/// A candidate and the response of each sub-aperture to it; masked responses are removed.
-struct Candidate {
-    hypothesis: Hypothesis,
-    /// Index of the queried point that it started from.
-    query_index: Option<usize>,
-    /// `[sub-aperture]`
-    responses: Vec<Option<Response>>,
-    unmasked: Option<Score>,
-}
-
 /// Detected planes and points, each strongest first.
 #[derive(Debug, Clone, Default)]
 pub struct Detections {
@@ -192,8 +128,16 @@ pub struct Detections {
     pub(super) query_indices: Vec<usize>,
 }
 
+/// CLEAN over the sub-apertures of a window.
+pub struct CleanWindow<'a> {
+    residual: Residual<'a>,
+    query: SubapertureQuery<'a>,
+    points: PointSearch<'a>,
+}
+
 impl<'a> CleanWindow<'a> {
-    /// A window in which only the wearer's tracked hands are masked. `subapertures`: in rising time.
+    /// A window in which only the wearer's tracked hands are masked. `subapertures`: in rising
+    /// time.
     pub fn new(
         subapertures: impl Iterator<Item = &'a Subaperture>,
         hands: &HandTrail,
@@ -202,14 +146,11 @@ impl<'a> CleanWindow<'a> {
         beam: &'a Beam,
         cache: &'a mut ResponseCache,
     ) -> Self {
-        let (min_cos, plane_min_cos) = (subaperture_settings.min_cos(beam), subaperture_settings.plane_min_cos(beam));
-        let subapertures: Vec<_> = subapertures.collect();
-        let newest_ns = subapertures.last().map_or(0, |b| b.mid_time_ns);
-        let age_s = |b: &&Subaperture| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
-        let weights = subapertures.iter().map(|b| math::exp(-age_s(b) / subaperture_settings.decay_s)).collect();
-        cache.begin_update(&subapertures);
-        let masks = subapertures.iter().map(|subaperture| hand_masks(subaperture, hands)).collect();
-        Self { masks, weights, subapertures, settings, subaperture_settings, beam, min_cos, plane_min_cos, cache }
+        let subapertures = WeightedSubapertures::new(subapertures, subaperture_settings.decay_s);
+        cache.begin_update(subapertures.all());
+        let query = SubapertureQuery::new(subaperture_settings, beam);
+        let residual = Residual::new(subapertures, hands, settings);
+        Self { residual, query, points: PointSearch::new(query, cache) }
     }
 
     /// Detects points alone.
@@ -232,191 +173,43 @@ impl<'a> CleanWindow<'a> {
     }
 
     fn detect_with(&mut self, planes: &[Plane], places: &[DVec3], known: bool) -> Detections {
-        self.query(places);
-        let of_planes = planes
-            .par_iter()
-            .map(|plane| self.masked_candidate(Hypothesis::Plane(*plane), self.plane_responses(plane)));
-        let mut open: Vec<Candidate> = of_planes.collect();
-        let of_places = places.iter().enumerate();
-        open.extend(of_places.map(|(n, point)| Candidate { query_index: Some(n), ..self.point_candidate(*point) }));
+        let Self { residual, query, points } = self;
+        let settings = residual.settings;
+        let mut open = candidates(planes, places, *query, points, residual);
         let mut detections = Detections { responses: vec![Vec::new(); places.len()], ..Detections::default() };
-        while let Some(mut best) = self.take_best(&mut open, &mut detections.responses) {
+        while let Some(mut best) = take_best(&mut open, settings, &mut detections.responses) {
             match best.hypothesis {
-                Hypothesis::Plane(_) => self.hill_climb_plane(&mut best),
-                Hypothesis::Point(_) => self.hill_climb(&mut best),
+                Hypothesis::Plane(_) => plane::hill_climb(&mut best, *query, residual),
+                Hypothesis::Point(_) => points.hill_climb(&mut best, residual),
             }
             best.store_responses(&mut detections.responses);
             let Some(unmasked) = best.unmasked else { continue };
             match best.hypothesis {
                 Hypothesis::Plane(plane) => {
-                    let is_plane = self.is_plane(&best.responses);
+                    let is_plane = plane::is_plane(&residual.subapertures, &best.responses, settings);
                     if !(is_plane || known) {
                         continue;
                     }
-                    let seen = self.detection(plane, unmasked, None, &best, &open);
-                    let sigma_m = self.plane_sigma_m(&best.responses);
+                    let seen = Detection::new(plane, unmasked, None, &best, &open, residual);
+                    let sigma_m = plane::sigma_m(&residual.subapertures, &best.responses);
                     detections.planes.push(Detection { observable: is_plane, sigma_m, ..seen });
                 }
-                Hypothesis::Point(point) => {
-                    let covariance_m2 = self.covariance_m2(&best.responses);
-                    detections.places.push(self.detection(point, unmasked, Some(covariance_m2), &best, &open));
+                Hypothesis::Point(place) => {
+                    let covariance_m2 = covariance_m2(&best.responses, residual);
+                    detections.places.push(Detection::new(
+                        place,
+                        unmasked,
+                        Some(covariance_m2),
+                        &best,
+                        &open,
+                        residual,
+                    ));
                     detections.query_indices.extend(best.query_index);
                 }
             }
-            self.mask(&best, &mut open);
+            residual.subtract(&best, &mut open);
         }
         detections
-    }
-
-    /// A candidate without its masked responses.
-    fn masked_candidate(&self, hypothesis: Hypothesis, responses: Vec<Option<Response>>) -> Candidate {
-        let mut candidate = Candidate { hypothesis, query_index: None, responses, unmasked: None };
-        let responses = candidate.responses.iter_mut().zip(&self.masks);
-        responses.for_each(|(response, masks)| masks.iter().for_each(|mask| mask.apply(response)));
-        candidate.unmasked = self.unmasked_score(candidate.hypothesis, candidate.responses.iter().map(Option::as_ref));
-        candidate
-    }
-
-    /// The candidate at a queried point.
-    fn point_candidate(&self, point: DVec3) -> Candidate {
-        let responses = self.cache.cached(point).iter().map(|cached| cached.flatten()).collect();
-        self.masked_candidate(Hypothesis::Point(point), responses)
-    }
-
-    /// The score of a queried point; −∞ when too few sub-apertures are unmasked.
-    fn score_of_point(&self, point: DVec3) -> f64 {
-        let unmasked = |(cached, masks): (&'_ CachedResponse, &Vec<Mask>)| -> Option<Response> {
-            let is_masked = |v: &Response| masks.iter().any(|mask| mask.covers(v.range_m, v.cos));
-            cached.flatten().filter(|response| !is_masked(response))
-        };
-        let responses: Vec<Option<Response>> = self.cache.cached(point).iter().zip(&self.masks).map(unmasked).collect();
-        let unmasked = self.unmasked_score(Hypothesis::Point(point), responses.iter().map(Option::as_ref));
-        unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score)
-    }
-
-    /// Moves a strong point uphill between the voxels, in ever smaller steps. A mask beside the
-    /// maximum would leave part of the object's echo unmasked. The points lie on a lattice around
-    /// the first one, so most of them are in the cache.
-    fn hill_climb(&mut self, candidate: &mut Candidate) {
-        let (Hypothesis::Point(start), Some(unmasked)) = (candidate.hypothesis, candidate.unmasked) else { return };
-        let mut score = unmasked.score;
-        if score < CLIMB_FROM_SCORE {
-            return;
-        }
-        let unit_m = self.subaperture_settings.voxel_m * CLIMB_UNIT;
-        let point = |at: IVec3| start + at.as_dvec3() * unit_m;
-        let (mut here, mut step) = (IVec3::ZERO, CLIMB_UNITS);
-        while step > 0 {
-            let around = (0..27).filter(|n| *n != 13).map(|n| here + (IVec3::new(n % 3, n / 3 % 3, n / 9) - 1) * step);
-            let near: Vec<IVec3> = around.filter(|at| point(*at).distance(start) <= CLIMB_REACH_M).collect();
-            self.query(&near.iter().map(|at| point(*at)).collect::<Vec<_>>());
-            let scores = near.iter().map(|at| (*at, self.score_of_point(point(*at))));
-            match scores.max_by(|a, b| a.1.total_cmp(&b.1)) {
-                Some((at, best)) if best > score => (here, score) = (at, best),
-                _ => step /= 2,
-            }
-        }
-        if here != IVec3::ZERO {
-            *candidate = Candidate { query_index: candidate.query_index, ..self.point_candidate(point(here)) };
-        }
-    }
-
-    /// Removes the candidate with the highest score, if that suffices. Masks only remove responses,
-    /// so a candidate that falls short now is dropped for good.
-    fn take_best(&self, open: &mut Vec<Candidate>, responses: &mut [Vec<Option<Response>>]) -> Option<Candidate> {
-        let min_score = |c: &Candidate| match c.hypothesis {
-            Hypothesis::Plane(_) => self.settings.plane_min_score,
-            Hypothesis::Point(_) => self.settings.min_score,
-        };
-        open.retain_mut(|c| {
-            let suffices = c.unmasked.is_some_and(|unmasked| unmasked.score >= min_score(c));
-            if !suffices {
-                c.store_responses(responses);
-            }
-            suffices
-        });
-        let score = |c: &Candidate| c.unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score);
-        let best = (0..open.len()).max_by(|&a, &b| score(&open[a]).total_cmp(&score(&open[b])).then(b.cmp(&a)));
-        best.map(|n| open.remove(n))
-    }
-
-    /// Score of a hypothesis over its unmasked responses.
-    fn unmasked_score<'v>(
-        &'v self,
-        hypothesis: Hypothesis,
-        responses: impl Iterator<Item = Option<&'v Response>>,
-    ) -> Option<Score> {
-        let responses = self.weighted(responses);
-        match hypothesis {
-            Hypothesis::Plane(_) => Score::of_plane(responses),
-            Hypothesis::Point(_) => Score::of_point(responses, self.settings),
-        }
-    }
-
-    /// Responses with the weights and times of their sub-apertures.
-    fn weighted<'v>(
-        &'v self,
-        responses: impl Iterator<Item = Option<&'v Response>>,
-    ) -> impl Iterator<Item = WeightedResponse<'v>> {
-        let subapertures = self.subapertures.iter().zip(&self.weights);
-        responses.zip(subapertures).filter_map(|(response, (subaperture, &weight))| {
-            Some(WeightedResponse { response: response?, weight, time_ns: subaperture.mid_time_ns })
-        })
-    }
-
-    /// The detection of a candidate, with its features.
-    fn detection<T>(
-        &self,
-        estimate: T,
-        unmasked: Score,
-        covariance_m2: Option<DMat3>,
-        best: &Candidate,
-        open: &[Candidate],
-    ) -> Detection<T> {
-        let significant = || self.significant(&best.responses).map(|(_, response)| response);
-        let count = significant().count();
-        let sigma_m = covariance_m2.as_ref().map_or(0.0, sigma_m);
-        Detection {
-            estimate,
-            score: unmasked.score,
-            subapertures: unmasked.subapertures,
-            observable: sigma_m <= self.settings.max_sigma_m,
-            sigma_m,
-            robust_score: robust_score(self.weighted(best.responses.iter().map(Option::as_ref))),
-            ln_clutter: significant().map(Response::ln_clutter).sum::<f64>() / count.max(1) as f64,
-            farthest_m: significant().map(|response| response.range_m).fold(0.0, f64::max),
-            amplitude_spread: amplitude_spread_of(significant()),
-            miss_fraction: 1.0 - count as f64 / unmasked.subapertures.max(1) as f64,
-            ambiguity: self.ambiguity(best, open) / unmasked.score.max(1e-9),
-            aspect: Aspect::of(significant(), covariance_m2.map_or(0.0, |c| c.y_axis.y.sqrt())),
-            log_odds: f64::INFINITY,
-            first_ns: unmasked.first_ns,
-            last_ns: unmasked.last_ns,
-        }
-    }
-
-    /// The highest score of a point elsewhere that would lose more than half of it to this
-    /// candidate's masks; 0 when there is none.
-    fn ambiguity(&self, best: &Candidate, open: &[Candidate]) -> f64 {
-        let Hypothesis::Point(point) = best.hypothesis else { return 0.0 };
-        let masks = self.masks_of(best);
-        let after = |candidate: &Candidate| {
-            let unmasked = candidate.responses.iter().zip(&masks).map(|(response, mask)| {
-                response.as_ref().filter(|v| !mask.is_some_and(|mask| mask.covers(v.range_m, v.cos)))
-            });
-            self.unmasked_score(candidate.hypothesis, unmasked).map_or(0.0, |unmasked| unmasked.score)
-        };
-        let mut greatest = 0.0;
-        for candidate in open {
-            let (Hypothesis::Point(other), Some(unmasked)) = (candidate.hypothesis, candidate.unmasked) else {
-                continue;
-            };
-            let may_be = unmasked.score > greatest && other.distance(point) >= MIN_AMBIGUITY_DISTANCE_M;
-            if may_be && after(candidate) < 0.5 * unmasked.score {
-                greatest = unmasked.score;
-            }
-        }
-        greatest
     }
 
     /// Each sub-aperture's response to queried points, and whether it is masked. `unmasked` holds the
@@ -426,108 +219,29 @@ impl<'a> CleanWindow<'a> {
         places: &[DVec3],
         unmasked: &[Vec<Option<Response>>],
     ) -> Vec<Vec<Option<Likelihood>>> {
-        let of_point = |(point, unmasked): (&DVec3, &Vec<Option<Response>>)| {
-            let of_subaperture =
-                |(cached, unmasked): (&CachedResponse, &Option<Response>)| match (unmasked, cached.flatten()) {
-                    (Some(response), _) => Some(Likelihood { response: *response, is_masked: false }),
-                    (None, Some(response)) => Some(Likelihood { response, is_masked: true }),
-                    (None, None) => None,
-                };
-            self.cache.cached(*point).iter().zip(unmasked).map(of_subaperture).collect()
-        };
-        places.iter().zip(unmasked).map(of_point).collect()
-    }
-
-    /// Significant responses, each with its sub-aperture.
-    fn significant<'v>(
-        &'v self,
-        responses: &'v [Option<Response>],
-    ) -> impl Iterator<Item = (&'a Subaperture, &'v Response)> {
-        let seen = self
-            .subapertures
-            .iter()
-            .zip(responses)
-            .filter_map(|(subaperture, response)| Some((*subaperture, response.as_ref()?)));
-        seen.filter(|(_, response)| response.is_significant())
-    }
-
-    /// Covariance of a point, m², from ranges and from directions relative to the sensor's motion.
-    fn covariance_m2(&self, responses: &[Option<Response>]) -> DMat3 {
-        information(DMat3::IDENTITY * 1e-6, self.significant(responses)).inverse()
-    }
-
-    /// Queries the sub-apertures for points; masked points count as not queried.
-    fn query(&mut self, places: &[DVec3]) {
-        let mut cache = std::mem::take(self.cache);
-        cache.query(places, |subaperture, places| self.subaperture_responses(subaperture, places));
-        *self.cache = cache;
-    }
-
-    fn subaperture_responses(&self, b: usize, places: &[DVec3]) -> Vec<CachedResponse> {
-        let (subaperture, masks) = (self.subapertures[b], &self.masks[b]);
-        let settings = self.subaperture_settings.within(&subaperture.geometry().axis);
-        let origin = subaperture.middle.translation;
-        let mut cached = vec![Some(None); places.len()];
-        let (mut seen, mut relative) = (Vec::new(), Vec::new());
-        for (n, &point) in places.iter().enumerate() {
-            if !settings.sees(&subaperture.middle, self.min_cos, point) {
-                continue;
-            }
-            let (range_m, toward, cos) = range_and_direction(subaperture, point);
-            if masks.iter().any(|mask| mask.covers(range_m, cos)) {
-                cached[n] = None;
-                continue;
-            }
-            seen.push((n, range_m, toward));
-            relative.push((point - origin).as_vec3().to_array());
-        }
-        for ((n, range_m, toward), coherence) in seen.into_iter().zip(subaperture.coherence_at_points(&relative)) {
-            cached[n] = Some(Some(Response::new(
-                (&subaperture.middle, subaperture.motion),
-                coherence,
-                range_m,
-                toward,
-                self.beam,
-            )));
-        }
-        cached
+        self.points.likelihoods(places, unmasked)
     }
 }
 
-impl Candidate {
-    /// Stores its responses for the caller.
-    fn store_responses(&self, responses: &mut [Vec<Option<Response>>]) {
-        if let Some(query_index) = self.query_index.and_then(|n| responses.get_mut(n)) {
-            query_index.clone_from(&self.responses);
-        }
-    }
+/// The candidates at planes and points, with what is not masked yet.
+fn candidates(
+    planes: &[Plane],
+    places: &[DVec3],
+    query: SubapertureQuery,
+    points: &mut PointSearch,
+    residual: &Residual,
+) -> Vec<Candidate> {
+    points.query(places, residual);
+    let of_planes = planes.par_iter().map(|plane| plane::candidate(*plane, query, residual));
+    let mut open: Vec<Candidate> = of_planes.collect();
+    let of_places = places.iter().enumerate();
+    open.extend(of_places.map(|(n, place)| Candidate { query_index: Some(n), ..points.candidate(*place, residual) }));
+    open
 }
-
-/// Range of a point, the direction towards it, and the cosine of that direction to the sensor's
-/// motion.
-fn range_and_direction(subaperture: &Subaperture, point: DVec3) -> (f64, DVec3, f64) {
-    let range_m = subaperture.distance_m(point);
-    let toward = (point - subaperture.middle.translation) / range_m.max(1e-9);
-    (range_m, toward, toward.dot(subaperture.motion))
-}
-
-/// Points with at least this score are moved uphill before they mask. `CLIMB_REACH_M` is the
-/// greatest displacement, metres. Choice: weaker points mask little, and each climb queries dozens
-/// of points; farther away than two voxels is another maximum.
-const CLIMB_FROM_SCORE: f64 = 5.0;
-/// First step of the hill climb in units of `CLIMB_UNIT`, which is in voxels. The last step is one
-/// unit. Choice: from a voxel of 5 cm down to 1 cm, the fine field's voxel.
-const CLIMB_UNITS: i32 = 4;
-const CLIMB_UNIT: f64 = 0.2;
-const CLIMB_REACH_M: f64 = 0.12;
-/// Points closer than this are the same object and so not ambiguous, metres. Choice: twice the
-/// pulse's width; parts of one object live on the same echoes.
-const MIN_AMBIGUITY_DISTANCE_M: f64 = 0.3;
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use radar_sar::Beam;
     use radar_sar::subaperture::SubapertureBuilder;
     use radar_sar::test_data::{Echo, on_one_thread, sweeps, winding};
 

@@ -135,15 +135,40 @@ pub struct RoomMapper {
     candidates: CandidateLog,
     /// The next stage of the work of the last sub-aperture.
     pending: Option<Stage>,
-    next_update_ns: Option<i64>,
+    updates: Updates,
+    work_done: WorkDone,
+}
+
+/// When the map is updated, and the last time.
+#[derive(Debug, Default)]
+struct Updates {
+    next_ns: Option<i64>,
+    /// Results of the last update.
+    last: Update,
     /// End of the newest sub-aperture of the last update, host nanoseconds.
     evidence_ns: Option<i64>,
-    /// Results of the last update.
-    update: Update,
-    /// Sub-apertures, updates and removals; the stages count the rest.
-    counters: RoomMapperCounters,
-    /// Work done before the last restart.
-    counters_before_restart: RoomMapperCounters,
+}
+
+impl Updates {
+    /// Whether an update is due; schedules the next one then.
+    fn is_due(&mut self, now_ns: i64) -> bool {
+        let is_due = now_ns >= *self.next_ns.get_or_insert(now_ns);
+        if is_due {
+            self.next_ns = Some(now_ns + UPDATE_NS);
+        }
+        is_due
+    }
+}
+
+/// Work that the mapper counts itself; the stages count the rest.
+#[derive(Debug, Default)]
+struct WorkDone {
+    /// Sub-apertures imaged, updates, and objects removed.
+    blocks: u64,
+    looks: u64,
+    forgotten: u64,
+    /// All work before the last restart.
+    before_restart: RoomMapperCounters,
 }
 
 impl RoomMapper {
@@ -165,11 +190,8 @@ impl RoomMapper {
             mti: MovingTargetTracker::new(config.settings.moving, &config.beam),
             candidates: CandidateLog::default(),
             pending: None,
-            next_update_ns: None,
-            evidence_ns: None,
-            update: Update::default(),
-            counters: RoomMapperCounters::default(),
-            counters_before_restart: RoomMapperCounters::default(),
+            updates: Updates::default(),
+            work_done: WorkDone::default(),
             config,
         }
     }
@@ -178,34 +200,34 @@ impl RoomMapper {
     /// window stay. `keep` may change or drop sweeps; the rest are processed again by
     /// [`work`](Self::work), before any new ones.
     pub fn restart(&mut self, mut keep: impl FnMut(&mut Observation) -> bool) {
-        let counters_before_restart = self.counters();
+        let work_done = WorkDone { before_restart: self.counters(), ..WorkDone::default() };
         let mut backlog = self.intake.take_sweeps();
         backlog.retain_mut(|sweep| keep(sweep));
         let hands = std::mem::take(&mut self.hands);
         let (points, walls) = (self.objects.take_restored(), self.walls.take_restored());
-        *self = Self { counters_before_restart, hands, ..Self::begin(self.config.clone(), backlog) };
+        *self = Self { work_done, hands, ..Self::begin(self.config.clone(), backlog) };
         self.objects.restore(&points, self.config.settings.tracks.match_m);
         self.walls.restore(&walls, self.window.middle());
     }
 
     /// Work done so far.
     pub fn counters(&self) -> RoomMapperCounters {
-        let before = &self.counters_before_restart;
+        let WorkDone { blocks, looks, forgotten, before_restart: before } = &self.work_done;
         let (voxel_updates, bricks) = self.imaging.work();
         RoomMapperCounters {
-            blocks: before.blocks + self.counters.blocks,
+            blocks: before.blocks + blocks,
             sweeps_without_block: before.sweeps_without_block + self.intake.dropped_sweeps(),
             voxel_updates: before.voxel_updates + voxel_updates,
             bricks: before.bricks + bricks,
-            looks: before.looks + self.counters.looks,
-            forgotten: before.forgotten + self.counters.forgotten,
+            looks: before.looks + looks,
+            forgotten: before.forgotten + forgotten,
             fine: before.fine.and(&self.imaging.fine().counters()),
         }
     }
 
     /// End of the newest sub-aperture that obstacles and walls rest on, host nanoseconds.
     pub fn evidence_ns(&self) -> Option<i64> {
-        self.evidence_ns
+        self.updates.evidence_ns
     }
 
     /// Candidates that the last update scored.
@@ -215,7 +237,7 @@ impl RoomMapper {
 
     /// Results of the last update.
     pub fn last_update(&self) -> &Update {
-        &self.update
+        &self.updates.last
     }
 
     /// Every voxel that was ever seen and scores at least `min_score`, the `most` highest.
@@ -349,7 +371,7 @@ impl RoomMapper {
 
     /// Images a sub-aperture. Returns whether an update is due.
     fn image(&mut self, subaperture: Subaperture) -> bool {
-        self.counters.blocks += 1;
+        self.work_done.blocks += 1;
         self.imaging.add(&subaperture);
         self.mti.push(subaperture.uncancelled(), &self.hands, self.config.settings.tracks.hands_reach_m);
         let now_ns = subaperture.mid_time_ns;
@@ -357,20 +379,16 @@ impl RoomMapper {
         let since_ns = now_ns - self.config.window_ns();
         self.window.drop_before(since_ns, |old| self.imaging.leave(old));
         self.intake.drop_before(since_ns);
-        let is_due = now_ns >= *self.next_update_ns.get_or_insert(now_ns);
-        if is_due {
-            self.next_update_ns = Some(now_ns + UPDATE_NS);
-        }
-        is_due
+        self.updates.is_due(now_ns)
     }
 
     /// Begins an update: candidate planes and points.
     fn find_candidates(&mut self) -> Option<Stage> {
         let since_ns = self.window.newest()?.mid_time_ns - self.config.window_ns();
-        self.counters.looks += 1;
+        self.work_done.looks += 1;
         let (plane_peaks, peaks) = self.imaging.peaks(&self.config, since_ns);
         let (planes, points) = imaging::candidates(&plane_peaks, &peaks, &self.config);
-        self.update = Update { peaks, plane_peaks, ..Update::default() };
+        self.updates.last = Update { peaks, plane_peaks, ..Update::default() };
         Some(Stage::Detect { planes, peaks: points })
     }
 
@@ -386,17 +404,17 @@ impl RoomMapper {
         let likelihoods = clean.likelihoods(&known_points, &known.responses);
         drop(clean);
         let removed = self.objects.update_existence(&ids, &likelihoods, &self.window, &tracks.existence);
-        self.counters.forgotten += removed.count;
+        self.work_done.forgotten += removed.count;
         let now_ns = self.window.now_ns();
         removed.positions_m.iter().for_each(|at| self.window.history.mark_removed(*at, now_ns));
         let screening = self.screening();
         let (known_there, new_there) = (screening.known_detections(&known), screening.new_detections(&new));
         let (points, scored): (Vec<_>, Vec<_>) = known_there.into_iter().chain(new_there).unzip();
-        (self.update.places, self.update.planes) = (new.places, new.planes.clone());
+        (self.updates.last.places, self.updates.last.planes) = (new.places, new.planes.clone());
         let walls = [known.planes, new.planes].concat();
         self.candidates.record(scored);
-        self.update.wall_hits = self.walls.update(&walls, tracks, self.window.middle());
-        self.update.point_hits = self.objects.update(&points, tracks);
+        self.updates.last.wall_hits = self.walls.update(&walls, tracks, self.window.middle());
+        self.updates.last.point_hits = self.objects.update(&points, tracks);
         let facing = Facing { window: &self.window, hands: &self.hands, min_cos: self.config.min_cos };
         self.walls.remove_missed(&walls, facing);
         Stage::Refine { walls, points }
@@ -414,6 +432,6 @@ impl RoomMapper {
         self.walls.update_feet(walls, facing);
         let Self { config, window, intake, objects, imaging, .. } = self;
         Refinement { config, window, intake, walls, points }.update(objects, imaging);
-        self.evidence_ns = self.window.newest().map(|newest| newest.end_ns);
+        self.updates.evidence_ns = self.window.newest().map(|newest| newest.end_ns);
     }
 }

@@ -40,6 +40,8 @@ pub(super) enum ShowError {
 pub(super) struct WarningDisplay {
     kind: Kind,
     eyes: Option<[HeadsetEye; 2]>,
+    /// Pictures of the previous display mode: the runtime may still copy from them.
+    released: Vec<Arc<wgpu::Texture>>,
 }
 
 enum Kind {
@@ -74,20 +76,15 @@ impl WarningDisplay {
                 Kind::Projection { overlays, matrix: settings.headset.projection_matrix, pictures: Vec::new() }
             }
         };
-        Ok(Self { kind, eyes })
+        Ok(Self { kind, eyes, released: Vec::new() })
     }
 
-    /// Switches to another display mode and returns the pictures of the previous one. Where the
-    /// runtime refuses the new mode, the previous one is created again.
-    pub fn switch(
-        &mut self,
-        runtime: &Arc<Runtime>,
-        settings: &Settings,
-        before: &Settings,
-    ) -> Vec<Arc<wgpu::Texture>> {
+    /// Switches to another display mode. Where the runtime refuses the new mode, the previous one
+    /// is created again.
+    pub fn switch(&mut self, runtime: &Arc<Runtime>, settings: &Settings, before: &Settings) {
         // The overlays have the same names, so the existing ones must go first.
-        let nothing = Self { kind: Kind::Panels(OverlayPool::none()), eyes: None };
-        let pictures = std::mem::replace(self, nothing).end();
+        let nothing = Self { kind: Kind::Panels(OverlayPool::none()), eyes: None, released: Vec::new() };
+        let pictures = std::mem::replace(self, nothing).kind.end();
         let made = Self::new(runtime, settings).or_else(|error| {
             log::warn!("display mode not available, keeping the previous one: {error}");
             Self::new(runtime, before)
@@ -96,7 +93,8 @@ impl WarningDisplay {
             Ok(made) => *self = made,
             Err(error) => log::error!("no warnings can be shown: {error}"),
         }
-        pictures
+        // Those of the switch before are done.
+        self.released = pictures;
     }
 
     /// Whether the overlays still exist in the runtime.
@@ -174,7 +172,14 @@ impl WarningDisplay {
     /// Destroys the overlays. Returns their pictures, because the runtime may still copy them until
     /// the session is over.
     pub fn end(self) -> Vec<Arc<wgpu::Texture>> {
-        match self.kind {
+        [self.released, self.kind.end()].concat()
+    }
+}
+
+impl Kind {
+    /// Destroys the overlays and returns their pictures.
+    fn end(self) -> Vec<Arc<wgpu::Texture>> {
+        match self {
             Kind::Panels(slots) | Kind::Stereo(slots) => slots.end(),
             Kind::Projection { pictures, .. } => pictures,
         }

@@ -67,7 +67,7 @@ impl FrameLoop<'_> {
         let frame = SharedFrame::new(None);
         let done = AtomicBool::new(false);
         let (mut state, panel) = LoopState::new(self, graphics, &frame)?;
-        let poses_hz = state.settings.headset.poses_hz;
+        let poses_hz = state.settings.now.headset.poses_hz;
         std::thread::scope(|scope| {
             let _done = DoneGuard(&done);
             let &Self { settings: store, supervisor, .. } = self;
@@ -110,12 +110,9 @@ struct LoopState<'s, 'a> {
     dashboard: Dashboard,
     device: DrawDevice,
     shown: WarningDisplay,
-    /// Pictures of the previous display mode.
-    released: Vec<Arc<wgpu::Texture>>,
     frame: SessionFrame<'s>,
     monitor: RuntimeMonitor,
-    settings: Arc<Settings>,
-    settings_version: u64,
+    settings: CurrentSettings,
     timing: DisplayTiming,
     hands: Hands,
     hand_sampler: HandSampler,
@@ -124,6 +121,25 @@ struct LoopState<'s, 'a> {
     scene: PlacedScene,
     cues: CueOutput,
     status: StatusReport,
+}
+
+/// Settings of this frame.
+struct CurrentSettings {
+    now: Arc<Settings>,
+    version: u64,
+}
+
+impl CurrentSettings {
+    fn new(store: &SettingsStore) -> Self {
+        let mut version = 0;
+        Self { now: store.newer_than(&mut version).unwrap_or_else(|| store.newest()), version }
+    }
+
+    /// Takes changed settings; returns those of before.
+    fn update(&mut self, store: &SettingsStore) -> Option<Arc<Settings>> {
+        let newer = store.newer_than(&mut self.version)?;
+        Some(std::mem::replace(&mut self.now, newer))
+    }
 }
 
 /// Status of the loop and when it was last published.
@@ -146,20 +162,17 @@ impl<'s, 'a> LoopState<'s, 'a> {
         shared_frame: &'s SharedFrame,
     ) -> Result<(Self, PanelWorker), HeadsetError> {
         let timing = with.runtime.display_timing();
-        let mut settings_version = 0;
-        let settings = with.settings.newer_than(&mut settings_version).unwrap_or_else(|| with.settings.newest());
+        let settings = CurrentSettings::new(with.settings);
         let (dashboard, panel) = Dashboard::new(with.runtime);
         let (meter, now) = (FrameMeter::new(timing.frame_hz), HeadsetStatus::default());
         let state = Self {
             with,
             dashboard,
             device: DrawDevice::new(graphics),
-            shown: WarningDisplay::new(with.runtime, &settings)?,
-            released: Vec::new(),
+            shown: WarningDisplay::new(with.runtime, &settings.now)?,
             frame: SessionFrame::new(shared_frame),
             monitor: RuntimeMonitor::default(),
             settings,
-            settings_version,
             timing,
             hands: with.runtime.hands(),
             hand_sampler: HandSampler::default(),
@@ -237,13 +250,10 @@ impl<'s, 'a> LoopState<'s, 'a> {
 
     /// Applies changed settings to this frame.
     fn take_settings(&mut self) {
-        let Some(settings) = self.with.settings.newer_than(&mut self.settings_version) else { return };
-        let before = std::mem::replace(&mut self.settings, settings);
-        let (was, is) = (&before.headset, &self.settings.headset);
+        let Some(before) = self.settings.update(self.with.settings) else { return };
+        let (was, is) = (&before.headset, &self.settings.now.headset);
         if (was.display, was.projection_matrix) != (is.display, is.projection_matrix) {
-            // The runtime may still copy from these pictures; those of the previous switch are
-            // done.
-            self.released = self.shown.switch(self.with.runtime, &self.settings, &before);
+            self.shown.switch(self.with.runtime, &self.settings.now, &before);
         }
     }
 
@@ -261,7 +271,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
             self.reset_map("the origin of the tracking system has moved");
         }
         let Some(anchor) = self.frame.anchor() else { return };
-        if self.settings.headset.poses_hz <= 0.0 {
+        if self.settings.now.headset.poses_hz <= 0.0 {
             self.with.supervisor.push(Event::Pose(sample(time_ns, &poses.head, &anchor.session_from_raw())));
         }
         if let Some(hands) = self.hand_sampler.next(time_ns, &poses, &anchor.session_from_raw()) {
@@ -324,13 +334,13 @@ impl<'s, 'a> LoopState<'s, 'a> {
         }
         let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < MAX_HEAD_AGE_NS);
         let Some((_, standing_from_head)) = head else { return Ok(self.shown.hide()?) };
-        if !self.settings.headset.warnings {
+        if !self.settings.now.headset.warnings {
             self.status.now.nearest_m = None;
             return Ok(self.shown.hide()?);
         }
         let wearer = wearer(now_ns, standing_from_head, &poses, &anchor.raw_from_standing());
-        let warnings = self.scene.tracker.warn(&wearer, &self.settings.warning);
-        self.cues.output(self.with.runtime, self.hands, &warnings, &wearer, &self.settings);
+        let warnings = self.scene.tracker.warn(&wearer, &self.settings.now.warning);
+        self.cues.output(self.with.runtime, self.hands, &warnings, &wearer, &self.settings.now);
         self.status.now.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
         if warnings.panels.is_empty() && warnings.footprints.is_empty() {
             return Ok(self.shown.hide()?);
@@ -338,7 +348,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         self.device.reopen(self.with.runtime, now_ns);
         let Some(graphics) = self.device.get_mut() else { return Ok(self.shown.hide()?) };
         let from = Viewpoint { standing_from_head, raw_from_standing: anchor.raw_from_standing() };
-        let shown = self.shown.show(graphics, &self.scene.tracker, &warnings, &self.settings, &from);
+        let shown = self.shown.show(graphics, &self.scene.tracker, &warnings, &self.settings.now, &from);
         self.status.now.most_picture_bytes = self.status.now.most_picture_bytes.max(graphics.renderer.texture_bytes());
         if let Err(ShowError::Render(error)) = &shown {
             // The shown pictures stay, except on a lost device.
@@ -360,7 +370,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
             is_tracked: self.status.now.is_tracked,
             sensor: self.with.supervisor.sensor_count(),
             is_alive: self.with.supervisor.reconstruction().map(Reconstruction::is_alive),
-            may_notify: self.settings.headset.warnings && self.settings.headset.notices,
+            may_notify: self.settings.now.headset.warnings && self.settings.now.headset.notices,
         };
         if let Err(error) = self.dashboard.update(now_ns, self.device.get(), &facts)
             && self.device.is_lost(now_ns, &error)
@@ -393,13 +403,12 @@ impl<'s, 'a> LoopState<'s, 'a> {
     /// Destroys the overlays now; pictures and device must outlive the session.
     fn end(self) -> (HeadsetStatus, RetainedGraphics) {
         let status = self.status.current(self.shown.count());
-        let Self { mut shown, mut released, dashboard, device, .. } = self;
+        let Self { mut shown, dashboard, device, .. } = self;
         // A runtime that is gone refuses; there is nothing to hide then.
         let _ = shown.hide();
-        released.extend(dashboard.end());
-        released.extend(shown.end());
+        let pictures = [dashboard.end(), shown.end()].concat();
         let (graphics, lost) = device.end();
-        (status, RetainedGraphics { _pictures: released, _graphics: graphics, _lost: lost })
+        (status, RetainedGraphics { _pictures: pictures, _graphics: graphics, _lost: lost })
     }
 }
 

@@ -15,17 +15,29 @@ pub fn now_ns() -> i64 {
 pub struct Frames {
     first_ns: i64,
     period_ns: i64,
+    /// The last frame for which WaitFrameSync returned.
+    last_begun: Option<i64>,
 }
 
 impl Frames {
     /// Frames from `first_ns` on.
     pub fn new(first_ns: i64, frequency_hz: f64) -> Self {
-        Self { first_ns, period_ns: (1e9 / frequency_hz).round() as i64 }
+        Self { first_ns, period_ns: (1e9 / frequency_hz).round() as i64, last_begun: None }
     }
 
     /// The frame at a time.
     pub fn at(&self, time_ns: i64) -> i64 {
         (time_ns - self.first_ns).div_euclid(self.period_ns)
+    }
+
+    /// Frames missed by a client that waits in this one.
+    pub fn missed(&self, current: i64) -> u64 {
+        self.last_begun.map_or(0, |last| (current - last).max(0) as u64)
+    }
+
+    /// WaitFrameSync returns for this frame.
+    pub fn begin(&mut self, frame: i64) {
+        self.last_begun = Some(frame);
     }
 
     /// Begin of a frame, nanoseconds.

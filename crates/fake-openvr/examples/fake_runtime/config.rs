@@ -100,7 +100,7 @@ impl Default for Chaperone {
     }
 }
 
-/// The configuration.
+/// The configuration. 16 fields: the file's entries as they are.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {

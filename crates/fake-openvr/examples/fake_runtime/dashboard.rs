@@ -46,11 +46,11 @@ impl World {
         let Some(tab) = self.overlays.active_tab().map(|(_, tab)| tab) else {
             return eprintln!("fake runtime: there is no tab for pointer input");
         };
-        if tab.input_method != sys::VROverlayInputMethod_Mouse {
+        if tab.input.method != sys::VROverlayInputMethod_Mouse {
             return eprintln!("fake runtime: {} accepts no mouse input", tab.key);
         }
         // As in SteamVR: from the lower left.
-        let at = [x, tab.mouse_scale[1] - y];
+        let at = [x, tab.input.mouse_scale[1] - y];
         let kind = match touch {
             Touch::Move => sys::EVREventType_VREvent_MouseMove,
             Touch::Down => sys::EVREventType_VREvent_MouseButtonDown,
@@ -75,7 +75,7 @@ impl World {
     fn push_tab_event(&mut self, event: sys::VREvent_t) {
         let now_ns = crate::clock::now_ns();
         let Some((_, tab)) = self.overlays.active_tab() else { return };
-        if !tab.events.push(now_ns, event) {
+        if !tab.input.events.push(now_ns, event) {
             self.report.events_dropped += 1;
         }
     }

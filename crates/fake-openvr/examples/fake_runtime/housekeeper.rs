@@ -86,7 +86,7 @@ fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &
             Ok(command) => {
                 world.report.commands += 1;
                 world.report.urgent = true;
-                world.schedule(command);
+                world.script.schedule(command);
             }
             Err(error) => eprintln!("fake runtime: commands.jsonl: {error}"),
         }

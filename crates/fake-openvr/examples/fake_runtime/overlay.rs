@@ -37,6 +37,16 @@ pub struct Overlay {
     pub shown: bool,
     /// Whether it is a dashboard tab, which SteamVR places.
     pub dashboard: bool,
+    pub flags: u32,
+    pub look: Look,
+    pub transform: Transform,
+    pub texture: Option<Texture>,
+    pub input: Input,
+}
+
+/// How an overlay's texture is drawn.
+#[derive(Debug, Clone, Copy)]
+pub struct Look {
     pub alpha: f32,
     pub color: [f32; 3],
     pub width_m: f32,
@@ -44,12 +54,29 @@ pub struct Overlay {
     /// u and v at the upper left, u and v at the lower right.
     pub bounds: [f32; 4],
     pub sort_order: u32,
-    pub flags: u32,
     pub color_space: u32,
     pub curvature: f32,
-    pub transform: Transform,
-    pub texture: Option<Texture>,
-    pub input_method: u32,
+}
+
+impl Default for Look {
+    fn default() -> Self {
+        Self {
+            alpha: 1.0,
+            color: [1.0; 3],
+            width_m: 1.0,
+            texel_aspect: 1.0,
+            bounds: [0.0, 0.0, 1.0, 1.0],
+            sort_order: 0,
+            color_space: sys::EColorSpace_ColorSpace_Auto,
+            curvature: 0.0,
+        }
+    }
+}
+
+/// Pointer input on an overlay.
+#[derive(Clone)]
+pub struct Input {
+    pub method: u32,
     pub mouse_scale: [f32; 2],
     /// Events for PollNextOverlayEvent.
     pub events: Events,
@@ -71,20 +98,11 @@ impl Overlay {
             name: name.to_owned(),
             shown: false,
             dashboard: false,
-            alpha: 1.0,
-            color: [1.0; 3],
-            width_m: 1.0,
-            texel_aspect: 1.0,
-            bounds: [0.0, 0.0, 1.0, 1.0],
-            sort_order: 0,
             flags: 0,
-            color_space: sys::EColorSpace_ColorSpace_Auto,
-            curvature: 0.0,
+            look: Look::default(),
             transform: Transform::Unset,
             texture: None,
-            input_method: 0,
-            mouse_scale: [1.0; 2],
-            events: Events::default(),
+            input: Input { method: 0, mouse_scale: [1.0; 2], events: Events::default() },
         }
     }
 

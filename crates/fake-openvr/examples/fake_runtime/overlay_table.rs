@@ -252,60 +252,60 @@ unsafe extern "C" fn set_color(handle: u64, red: f32, green: f32, blue: f32) -> 
             report.violation("SetOverlayColor: not a possible value", format!("{color:?} for {}", overlay.key));
             return Err(BAD_PARAMETER);
         }
-        overlay.color = color;
+        overlay.look.color = color;
         Ok(())
     })
 }
 
 unsafe extern "C" fn get_color(handle: u64, red: *mut f32, green: *mut f32, blue: *mut f32) -> u32 {
     with_overlay("GetOverlayColor", handle, |overlay, _| {
-        [red, green, blue].iter().zip(overlay.color).for_each(|(to, part)| write(*to, part));
+        [red, green, blue].iter().zip(overlay.look.color).for_each(|(to, part)| write(*to, part));
         Ok(())
     })
 }
 
 unsafe extern "C" fn set_alpha(handle: u64, alpha: f32) -> u32 {
-    set_number("SetOverlayAlpha", handle, alpha, |v| (0.0..=1.0).contains(&v), |overlay| &mut overlay.alpha)
+    set_number("SetOverlayAlpha", handle, alpha, |v| (0.0..=1.0).contains(&v), |overlay| &mut overlay.look.alpha)
 }
 
 unsafe extern "C" fn get_alpha(handle: u64, alpha: *mut f32) -> u32 {
-    get("GetOverlayAlpha", handle, alpha, |overlay| overlay.alpha)
+    get("GetOverlayAlpha", handle, alpha, |overlay| overlay.look.alpha)
 }
 
 unsafe extern "C" fn set_texel_aspect(handle: u64, aspect: f32) -> u32 {
-    set_number("SetOverlayTexelAspect", handle, aspect, |v| v > 0.0, |overlay| &mut overlay.texel_aspect)
+    set_number("SetOverlayTexelAspect", handle, aspect, |v| v > 0.0, |overlay| &mut overlay.look.texel_aspect)
 }
 
 unsafe extern "C" fn get_texel_aspect(handle: u64, aspect: *mut f32) -> u32 {
-    get("GetOverlayTexelAspect", handle, aspect, |overlay| overlay.texel_aspect)
+    get("GetOverlayTexelAspect", handle, aspect, |overlay| overlay.look.texel_aspect)
 }
 
 unsafe extern "C" fn set_sort_order(handle: u64, order: u32) -> u32 {
     with_overlay("SetOverlaySortOrder", handle, |overlay, _| {
-        overlay.sort_order = order;
+        overlay.look.sort_order = order;
         Ok(())
     })
 }
 
 unsafe extern "C" fn get_sort_order(handle: u64, order: *mut u32) -> u32 {
-    get("GetOverlaySortOrder", handle, order, |overlay| overlay.sort_order)
+    get("GetOverlaySortOrder", handle, order, |overlay| overlay.look.sort_order)
 }
 
 unsafe extern "C" fn set_width(handle: u64, width_m: f32) -> u32 {
-    set_number("SetOverlayWidthInMeters", handle, width_m, |v| v > 0.0, |overlay| &mut overlay.width_m)
+    set_number("SetOverlayWidthInMeters", handle, width_m, |v| v > 0.0, |overlay| &mut overlay.look.width_m)
 }
 
 unsafe extern "C" fn get_width(handle: u64, width_m: *mut f32) -> u32 {
-    get("GetOverlayWidthInMeters", handle, width_m, |overlay| overlay.width_m)
+    get("GetOverlayWidthInMeters", handle, width_m, |overlay| overlay.look.width_m)
 }
 
 unsafe extern "C" fn set_curvature(handle: u64, curvature: f32) -> u32 {
     let flat = |v: f32| v == 0.0;
-    set_number("SetOverlayCurvature", handle, curvature, flat, |overlay| &mut overlay.curvature)
+    set_number("SetOverlayCurvature", handle, curvature, flat, |overlay| &mut overlay.look.curvature)
 }
 
 unsafe extern "C" fn get_curvature(handle: u64, curvature: *mut f32) -> u32 {
-    get("GetOverlayCurvature", handle, curvature, |overlay| overlay.curvature)
+    get("GetOverlayCurvature", handle, curvature, |overlay| overlay.look.curvature)
 }
 
 unsafe extern "C" fn set_color_space(handle: u64, space: u32) -> u32 {
@@ -314,13 +314,13 @@ unsafe extern "C" fn set_color_space(handle: u64, space: u32) -> u32 {
             report.violation("no such colour space", format!("{space}"));
             return Err(BAD_PARAMETER);
         }
-        overlay.color_space = space;
+        overlay.look.color_space = space;
         Ok(())
     })
 }
 
 unsafe extern "C" fn get_color_space(handle: u64, space: *mut u32) -> u32 {
-    get("GetOverlayTextureColorSpace", handle, space, |overlay| overlay.color_space)
+    get("GetOverlayTextureColorSpace", handle, space, |overlay| overlay.look.color_space)
 }
 
 unsafe extern "C" fn set_bounds(handle: u64, bounds: *mut sys::VRTextureBounds_t) -> u32 {
@@ -334,14 +334,14 @@ unsafe extern "C" fn set_bounds(handle: u64, bounds: *mut sys::VRTextureBounds_t
             report.violation("SetOverlayTextureBounds: not possible", format!("{numbers:?} for {}", overlay.key));
             return Err(BAD_PARAMETER);
         }
-        overlay.bounds = numbers;
+        overlay.look.bounds = numbers;
         Ok(())
     })
 }
 
 unsafe extern "C" fn get_bounds(handle: u64, bounds: *mut sys::VRTextureBounds_t) -> u32 {
     get("GetOverlayTextureBounds", handle, bounds, |overlay| {
-        let [u_min, v_min, u_max, v_max] = overlay.bounds;
+        let [u_min, v_min, u_max, v_max] = overlay.look.bounds;
         sys::VRTextureBounds_t { uMin: u_min, vMin: v_min, uMax: u_max, vMax: v_max }
     })
 }
@@ -496,9 +496,7 @@ fn plan_wait(world: &mut World, timeout_ms: u32) -> (Wait, i64) {
     if !world.server.alive(now_ns) || begins_ns > gives_up_ns {
         return (Wait::TimesOut, gives_up_ns);
     }
-    if let Some(last) = world.last_frame {
-        world.report.frames_missed += (current - last).max(0) as u64;
-    }
+    world.report.frames_missed += world.frames.missed(current);
     (Wait::Frame(current + 1), begins_ns)
 }
 
@@ -513,7 +511,7 @@ unsafe extern "C" fn wait_frame_sync(timeout_ms: u32) -> u32 {
     sleep_until(until_ns);
     let Wait::Frame(frame) = wait else { return TIMED_OUT };
     if let Some(world) = crate::world::lock().as_mut() {
-        world.last_frame = Some(frame);
+        world.frames.begin(frame);
         world.report.frames += 1;
     }
     NONE
@@ -523,7 +521,7 @@ unsafe extern "C" fn poll_overlay_event(handle: u64, event: *mut sys::VREvent_t,
     let mut next = None;
     with_overlay("PollNextOverlayEvent", handle, |overlay, report| {
         not_null(report, "PollNextOverlayEvent", event)?;
-        next = overlay.events.pop(now_ns());
+        next = overlay.input.events.pop(now_ns());
         Ok(())
     });
     // Without an event, the client's structure is cleared.
@@ -533,18 +531,18 @@ unsafe extern "C" fn poll_overlay_event(handle: u64, event: *mut sys::VREvent_t,
 }
 
 unsafe extern "C" fn get_input_method(handle: u64, method: *mut u32) -> u32 {
-    get("GetOverlayInputMethod", handle, method, |overlay| overlay.input_method)
+    get("GetOverlayInputMethod", handle, method, |overlay| overlay.input.method)
 }
 
 unsafe extern "C" fn set_input_method(handle: u64, method: u32) -> u32 {
     with_overlay("SetOverlayInputMethod", handle, |overlay, _| {
-        overlay.input_method = method;
+        overlay.input.method = method;
         Ok(())
     })
 }
 
 unsafe extern "C" fn get_mouse_scale(handle: u64, scale: *mut sys::HmdVector2_t) -> u32 {
-    get("GetOverlayMouseScale", handle, scale, |overlay| sys::HmdVector2_t { v: overlay.mouse_scale })
+    get("GetOverlayMouseScale", handle, scale, |overlay| sys::HmdVector2_t { v: overlay.input.mouse_scale })
 }
 
 unsafe extern "C" fn set_mouse_scale(handle: u64, scale: *mut sys::HmdVector2_t) -> u32 {
@@ -555,7 +553,7 @@ unsafe extern "C" fn set_mouse_scale(handle: u64, scale: *mut sys::HmdVector2_t)
             report.violation("SetOverlayMouseScale: not a possible value", format!("{new:?} for {}", overlay.key));
             return Err(BAD_PARAMETER);
         }
-        overlay.mouse_scale = new;
+        overlay.input.mouse_scale = new;
         Ok(())
     })
 }

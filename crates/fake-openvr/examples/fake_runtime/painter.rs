@@ -92,7 +92,7 @@ fn pyramids(item: &Item) -> Result<Vec<Pyramid>, String> {
     let Some(texture) = &item.overlay.texture else { return Ok(Vec::new()) };
     let copied = texture.copied.as_ref().ok_or_else(|| format!("{}: its texture was not copied", item.overlay.key))?;
     let bytes = copied.read()?;
-    let color_space = match item.overlay.color_space {
+    let color_space = match item.overlay.look.color_space {
         sys::EColorSpace_ColorSpace_Auto => texture.color_space,
         chosen => chosen,
     };
@@ -113,24 +113,24 @@ fn pyramids(item: &Item) -> Result<Vec<Pyramid>, String> {
 
 /// The layer of an overlay for an eye.
 fn layer<'a>(snapshot: &Snapshot, item: &'a Item, pyramids: &'a [Pyramid], eye: &Eye) -> Option<Layer<'a>> {
-    let size_m = [f64::from(item.overlay.width_m), item.height_m()?];
+    let size_m = [f64::from(item.overlay.look.width_m), item.height_m()?];
     let surface = Surface::new(item.shape, size_m, eye)?;
     let half = item.left_half_first().map_or(0, |left_first| usize::from(eye.is_left != left_first));
     let paint = if surface.faces_eye() {
-        Paint::Texture { pyramid: pyramids.get(half)?, bounds: item.overlay.bounds.map(f64::from) }
+        Paint::Texture { pyramid: pyramids.get(half)?, bounds: item.overlay.look.bounds.map(f64::from) }
     } else if snapshot.backs && !item.overlay.has(sys::VROverlayFlags_NoBackside) {
         Paint::Back
     } else {
         return None;
     };
-    Some(Layer { surface, paint, alpha: item.overlay.alpha, color: item.overlay.color })
+    Some(Layer { surface, paint, alpha: item.overlay.look.alpha, color: item.overlay.look.color })
 }
 
 /// An eye's layers in drawing order.
 fn layers<'a>(snapshot: &'a Snapshot, pyramids: &'a [Vec<Pyramid>], eye: &Eye) -> Vec<Layer<'a>> {
     let items = snapshot.items.iter().zip(pyramids);
     let mut layers: Vec<_> = items
-        .filter_map(|(item, pyramids)| Some((item.overlay.sort_order, layer(snapshot, item, pyramids, eye)?)))
+        .filter_map(|(item, pyramids)| Some((item.overlay.look.sort_order, layer(snapshot, item, pyramids, eye)?)))
         .collect();
     layers.sort_by(|(a, left), (b, right)| {
         let far_first = right.surface.distance_m().total_cmp(&left.surface.distance_m());

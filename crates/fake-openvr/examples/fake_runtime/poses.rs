@@ -3,7 +3,6 @@
 use radar_sar::geometry::Pose;
 
 use crate::sys;
-use crate::track::Motion;
 use crate::world::World;
 
 /// The runtime's matrix of a pose.
@@ -33,23 +32,6 @@ pub fn pose(matrix: &sys::HmdMatrix34_t) -> Result<Pose, String> {
 }
 
 impl World {
-    /// Time on a device's track.
-    fn track_time_ns(&self, time_ns: i64) -> i64 {
-        if self.config.track_is_relative { time_ns - self.start_ns } else { time_ns }
-    }
-
-    /// True pose of a device in the world, whether it is tracked or not; `None` in a gap of its
-    /// track.
-    pub fn device_in_world(&self, device: usize, time_ns: i64) -> Option<Pose> {
-        Some(self.devices.get(device)?.at(self.track_time_ns(time_ns))?.pose)
-    }
-
-    /// Motion of a device in the world; `None` if tracking is lost.
-    pub fn motion(&self, device: usize, time_ns: i64) -> Option<Motion> {
-        let lost = crate::clock::now_ns() < self.invalid_until_ns;
-        self.devices.get(device).filter(|_| !lost)?.at(self.track_time_ns(time_ns))
-    }
-
     /// A device's pose as returned to the client, in a universe given by its pose relative to the
     /// world.
     pub fn tracked_pose(
@@ -64,7 +46,7 @@ impl World {
         }
         handed_out.bDeviceIsConnected = true;
         handed_out.eTrackingResult = sys::ETrackingResult_TrackingResult_Running_OutOfRange;
-        if let Some(motion) = self.motion(device, time_ns) {
+        if let Some(motion) = self.devices.motion(device, time_ns) {
             let velocity = universe_from_world.transform_vector(motion.velocity_m_s);
             let turn = universe_from_world.transform_vector(motion.angular_velocity_rad_s);
             handed_out.mDeviceToAbsoluteTracking = matrix(&(*universe_from_world * motion.pose));

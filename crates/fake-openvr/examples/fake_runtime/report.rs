@@ -34,7 +34,7 @@ pub struct Ending {
     pub left_at_cleanup: Option<usize>,
 }
 
-/// Counters.
+/// Counters. 24 fields: one record, serialised as it is.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Report {
     pub pid: u32,

@@ -37,9 +37,9 @@ impl Item {
     pub fn height_m(&self) -> Option<f64> {
         let [width, height] = self.overlay.texture.as_ref()?.size.map(f64::from);
         let eyes = if self.left_half_first().is_some() { 2.0 } else { 1.0 };
-        let [u_min, v_min, u_max, v_max] = self.overlay.bounds.map(f64::from);
+        let [u_min, v_min, u_max, v_max] = self.overlay.look.bounds.map(f64::from);
         let aspect = (height * (v_max - v_min)).abs() / (width / eyes * (u_max - u_min)).abs();
-        Some(f64::from(self.overlay.width_m) * aspect / f64::from(self.overlay.texel_aspect))
+        Some(f64::from(self.overlay.look.width_m) * aspect / f64::from(self.overlay.look.texel_aspect))
     }
 }
 
@@ -80,7 +80,7 @@ impl World {
         let vsync_ns = self.frames.start_ns(self.frames.at(now_ns) + 1);
         let time_ns = vsync_ns + (display.vsync_to_photons_s * 1e9) as i64;
         let standing_from_world = self.universes.standing_from_world();
-        let head = self.device_in_world(0, time_ns).ok_or("a gap in the head's track")?;
+        let head = self.devices.pose(0, time_ns).ok_or("a gap in the head's track")?;
         let standing_from_head = standing_from_world * head;
         let eye = |is_left| Eye {
             standing_from_eye: standing_from_head * self.head_from_eye(is_left),
@@ -116,7 +116,7 @@ impl World {
                 Shape::Quad { standing_from_overlay: standing_from(origin)? * universe_from_overlay }
             }
             Transform::Device { device, device_from_overlay } => {
-                let standing_from_device = standing_from_world * self.device_in_world(device as usize, time_ns)?;
+                let standing_from_device = standing_from_world * self.devices.pose(device as usize, time_ns)?;
                 Shape::Quad { standing_from_overlay: standing_from_device * device_from_overlay }
             }
             Transform::Projection { origin, matrix, edges, is_left } => {
@@ -144,15 +144,15 @@ impl Item {
         let mut json = json!({
             "key": overlay.key,
             "name": overlay.name,
-            "alpha": overlay.alpha,
-            "color": overlay.color,
-            "width_m": overlay.width_m,
+            "alpha": overlay.look.alpha,
+            "color": overlay.look.color,
+            "width_m": overlay.look.width_m,
             "height_m": self.height_m(),
             "texture_size": overlay.texture.as_ref().map(|texture| texture.size),
-            "texture_bounds": overlay.bounds,
-            "texel_aspect": overlay.texel_aspect,
+            "texture_bounds": overlay.look.bounds,
+            "texel_aspect": overlay.look.texel_aspect,
             "flags": overlay.flags,
-            "sort_order": overlay.sort_order,
+            "sort_order": overlay.look.sort_order,
         });
         match self.shape {
             Shape::Quad { standing_from_overlay } => {

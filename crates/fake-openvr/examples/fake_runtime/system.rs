@@ -143,7 +143,7 @@ unsafe extern "C" fn haptic_pulse(device: u32, _axis: u32, length_us: u16) {
         }
         // A controller accepts the next pulse after 5 ms; 1 ms is allowed for the call's jitter.
         let now_ns = now_ns();
-        let then_ns = world.pulsed_ns.insert(device, now_ns);
+        let then_ns = world.devices.pulse(device, now_ns);
         if then_ns.is_some_and(|then_ns| now_ns - then_ns < 4_000_000) {
             world.report.violation("haptic pulses too soon after each other", format!("device {device}"));
         }

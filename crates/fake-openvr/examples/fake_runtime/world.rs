@@ -1,57 +1,45 @@
 //! All state behind the function tables, under one lock, from Init to Cleanup.
 
-use std::collections::BTreeMap;
-use std::fs::File;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use glam::DQuat;
 use radar_sar::geometry::Pose;
 
 use crate::clock::{Frames, now_ns};
-use crate::commands::{Command, RecenterTarget, TimedCommand};
+use crate::commands::{Command, RecenterTarget};
 use crate::config::Config;
+use crate::connection::Connection;
+use crate::devices::Devices;
 use crate::events::{Events, event, universe_changed};
 use crate::housekeeper;
 use crate::overlay::Overlays;
 use crate::paths::Paths;
 use crate::report::{Report, write_whole};
+use crate::script::Script;
 use crate::server::Server;
 use crate::settings::Settings;
 use crate::sys;
 use crate::table::Failure;
-use crate::track::Track;
 use crate::universes::Universes;
-
-/// Limit of scheduled commands. Choice: bounds memory; scripts of tests have dozens.
-const MAX_SCRIPT_COMMANDS: usize = 10_000;
 
 static WORLD: Mutex<Option<World>> = Mutex::new(None);
 
 /// State between Init and Cleanup, and afterwards the report.
 pub struct World {
-    pub running: bool,
+    connection: Connection,
     pub paths: Paths,
     pub config: Config,
     pub start_ns: i64,
     pub frames: Frames,
-    /// The last frame for which WaitFrameSync returned.
-    pub last_frame: Option<i64>,
     pub report: Report,
     pub universes: Universes,
-    pub devices: Vec<Track>,
-    pub invalid_until_ns: i64,
+    pub devices: Devices,
     pub standby: bool,
     pub events: Events,
     pub overlays: Overlays,
     pub settings: Settings,
     pub server: Server,
-    script: Vec<TimedCommand>,
-    failures: BTreeMap<String, u32>,
-    /// Time of the last pulse of each controller, nanoseconds.
-    pub pulsed_ns: BTreeMap<u32, i64>,
-    /// Held, shared, while the client is connected.
-    clients_lock: File,
-    housekeeper: Option<housekeeper::Handle>,
+    pub script: Script,
 }
 
 /// Locks the state. A panic elsewhere leaves only counters and plain values, which stay usable.
@@ -68,12 +56,12 @@ pub fn call<R: Failure>(name: &'static str, code: u32, body: impl FnOnce(&mut Wo
         return R::failure(code);
     };
     world.report.called(name);
-    if !world.running {
+    if !world.connection.is_running() {
         world.report.violation("called after Cleanup", name);
         world.write_report();
         return R::failure(code);
     }
-    if world.fails(name) { R::failure(code) } else { body(world) }
+    if world.script.fails(name) { R::failure(code) } else { body(world) }
 }
 
 /// Records a call of an unsupported function.
@@ -88,7 +76,7 @@ pub fn unsupported(name: &'static str) {
 
 /// Whether a client is connected.
 pub fn is_running() -> bool {
-    lock().as_ref().is_some_and(|world| world.running)
+    lock().as_ref().is_some_and(|world| world.connection.is_running())
 }
 
 /// Connects.
@@ -97,14 +85,14 @@ pub fn is_running() -> bool {
 /// The error of Init, and a description.
 pub fn init(application_type: u32) -> Result<(), (sys::EVRInitError, String)> {
     let mut guard = lock();
-    if let Some(world) = guard.as_mut().filter(|world| world.running) {
+    if let Some(world) = guard.as_mut().filter(|world| world.connection.is_running()) {
         world.report.violation("Init without Cleanup", format!("as application type {application_type}"));
         return Err((sys::EVRInitError_VRInitError_Init_Internal, "Init without Cleanup".into()));
     }
     // Earlier counts are kept, whether this succeeds or not.
     let before = guard.as_ref().map(|world| world.report.clone()).unwrap_or_default();
     let mut world = World::connect(application_type, before)?;
-    world.housekeeper = Some(housekeeper::start(world.paths.clone()));
+    world.connection.start_housekeeper(world.paths.clone());
     *guard = Some(world);
     Ok(())
 }
@@ -120,7 +108,7 @@ pub fn cleanup() {
     let mut guard = lock();
     if let Some(world) = guard.as_mut() {
         world.overlays.free();
-        let _ = world.clients_lock.unlock();
+        world.connection.release();
         world.report.ending.cleanup_took_s = Some((now_ns() - asked_ns) as f64 * 1e-9);
         world.write_report();
     }
@@ -128,17 +116,16 @@ pub fn cleanup() {
 
 fn begin_cleanup(asked_ns: i64) -> Option<housekeeper::Handle> {
     let mut guard = lock();
-    let Some(world) = guard.as_mut().filter(|world| world.running) else {
+    let Some(world) = guard.as_mut().filter(|world| world.connection.is_running()) else {
         match guard.as_mut() {
             Some(world) => world.report.violation("Cleanup without Init", ""),
             None => eprintln!("fake runtime: violation: Cleanup before Init"),
         }
         return None;
     };
-    world.running = false;
     world.report.ending.left_at_cleanup = Some(world.overlays.len());
     world.report.ending.cleanup_s = Some(world.seconds(asked_ns));
-    world.housekeeper.take()
+    world.connection.begin_cleanup()
 }
 
 impl World {
@@ -153,37 +140,28 @@ impl World {
         if !is_utility && !server.alive(now_ns) {
             return Err(no_server(application_type));
         }
-        let clients_lock = connect_client(&place).map_err(|error| {
+        let connection = Connection::open(&place).map_err(|error| {
             (sys::EVRInitError_VRInitError_Init_Internal, format!("{}: {error}", place.clients_lock().display()))
         })?;
-        let devices = read_tracks(&config).map_err(no_path)?;
+        let devices = Devices::new(&config, now_ns).map_err(no_path)?;
         report.pid = std::process::id();
         report.application_type = application_type;
         report.inits += 1;
         report.ending = Default::default();
         report.urgent = true;
-        let mut script = config.events.clone();
-        script.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-        script.reverse();
         Ok(Self {
-            running: true,
+            connection,
             start_ns: now_ns,
             frames: Frames::new(now_ns, config.display.frequency_hz),
-            last_frame: None,
             report,
             universes: Universes::new(&config),
             devices,
-            invalid_until_ns: i64::MIN,
             standby: false,
             events: Events::default(),
             overlays: Overlays::default(),
             settings: Settings::new(&config.settings),
             server,
-            script,
-            failures: BTreeMap::new(),
-            pulsed_ns: BTreeMap::new(),
-            clients_lock,
-            housekeeper: None,
+            script: Script::new(config.events.clone()),
             paths: place,
             config,
         })
@@ -192,18 +170,6 @@ impl World {
     /// Seconds since Init.
     pub fn seconds(&self, time_ns: i64) -> f64 {
         (time_ns - self.start_ns) as f64 * 1e-9
-    }
-
-    /// Whether a script makes this call fail.
-    fn fails(&mut self, name: &str) -> bool {
-        let name = name.rsplit("::").next().unwrap_or(name);
-        match self.failures.get_mut(name) {
-            Some(left) if *left > 0 => {
-                *left -= 1;
-                true
-            }
-            _ => false,
-        }
     }
 
     /// Sends an event.
@@ -216,22 +182,7 @@ impl World {
     /// The commands of the script that are due, in order.
     pub fn due(&mut self, time_ns: i64) -> Vec<Command> {
         let seconds = self.seconds(time_ns);
-        let mut due = Vec::new();
-        while self.script.last().is_some_and(|next| next.at_s <= seconds) {
-            due.extend(self.script.pop().map(|next| next.command));
-        }
-        due
-    }
-
-    /// Schedules a command; at once if its time has passed.
-    pub fn schedule(&mut self, command: TimedCommand) {
-        if self.script.len() >= MAX_SCRIPT_COMMANDS {
-            return eprintln!(
-                "fake runtime: more than {MAX_SCRIPT_COMMANDS} commands are scheduled: {command:?} is dropped"
-            );
-        }
-        let place = self.script.partition_point(|other| other.at_s > command.at_s);
-        self.script.insert(place, command);
+        self.script.due(seconds)
     }
 
     /// Executes a command. Images are handled by the housekeeper.
@@ -246,15 +197,15 @@ impl World {
                 self.universes.change(self.config.universe_change.pose());
                 self.send(universe_changed(self.universes.id));
             }
-            Command::Invalid { for_s } => self.invalid_until_ns = time_ns.saturating_add((for_s * 1e9) as i64),
+            Command::Invalid { for_s } => {
+                self.devices.lose_tracking(time_ns.saturating_add((for_s * 1e9) as i64));
+            }
             Command::Quit => {
                 let seconds = self.seconds(time_ns);
                 self.report.ending.quit_asked_s.get_or_insert(seconds);
                 self.send(event(sys::EVREventType_VREvent_Quit, NO_DEVICE));
             }
-            Command::Fail { function, count } => {
-                self.failures.insert(function.clone(), *count);
-            }
+            Command::Fail { function, count } => self.script.fail(function, *count),
             Command::Standby => self.stand_by(true),
             Command::Wake => self.stand_by(false),
             Command::Color { r, g, b, a } => {
@@ -337,19 +288,4 @@ fn no_server(application_type: u32) -> (sys::EVRInitError, String) {
         _ => sys::EVRInitError_VRInitError_IPC_ServerInitFailed,
     };
     (code, "the server of the fake runtime is not running".into())
-}
-
-fn connect_client(place: &Paths) -> std::io::Result<File> {
-    let file = File::options().create(true).truncate(false).write(true).open(place.clients_lock())?;
-    file.lock_shared()?;
-    Ok(file)
-}
-
-fn read_tracks(config: &Config) -> Result<Vec<Track>, String> {
-    let head = match &config.track {
-        Some(path) => Track::read(path, config.track_loops)?,
-        None => Track::at_rest(Pose::from_translation(glam::DVec3::new(0.0, 1.6, 0.0))),
-    };
-    let controllers = config.controllers.iter().map(|path| Track::read(path, config.track_loops));
-    std::iter::once(Ok(head)).chain(controllers).collect()
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::{Candidate, CleanWindow};
+use super::CleanSettings;
 use crate::hands::{HandTrail, hand_ranges_m};
 use crate::responses::Response;
 use radar_sar::WAVELENGTH_M;
@@ -46,37 +46,58 @@ pub(crate) fn hand_masks(subaperture: &Subaperture, hands: &HandTrail) -> Vec<Ma
     ahead.map(mask).collect()
 }
 
-impl CleanWindow<'_> {
-    /// Masks what a detection accounts for and removes it from the other candidates.
-    pub(super) fn mask(&mut self, best: &Candidate, open: &mut [Candidate]) {
-        let masks = self.masks_of(best);
-        for candidate in open {
-            let seen_before = candidate.responses.iter().flatten().count();
-            let responses = candidate.responses.iter_mut().zip(&masks);
-            responses.for_each(|(response, mask)| mask.iter().for_each(|mask| mask.apply(response)));
-            if candidate.responses.iter().flatten().count() < seen_before {
-                candidate.unmasked =
-                    self.unmasked_score(candidate.hypothesis, candidate.responses.iter().map(Option::as_ref));
-            }
-        }
-        self.masks.iter_mut().zip(masks).for_each(|(all, mask)| all.extend(mask));
+/// What is masked in each sub-aperture.
+pub(super) struct MaskStore {
+    /// `[sub-aperture]`
+    masks: Vec<Vec<Mask>>,
+}
+
+impl MaskStore {
+    /// Only the wearer's tracked hands.
+    pub fn of_hands(subapertures: &[&Subaperture], hands: &HandTrail) -> Self {
+        Self { masks: subapertures.iter().map(|one| hand_masks(one, hands)).collect() }
+    }
+
+    /// Masks in the sub-aperture of this index in the window.
+    pub fn of(&self, n: usize) -> &[Mask] {
+        &self.masks[n]
     }
 
     /// `[sub-aperture]`
-    pub(super) fn masks_of(&self, candidate: &Candidate) -> Vec<Option<Mask>> {
-        candidate.responses.iter().enumerate().map(|(n, response)| response.map(|v| self.mask_of(n, &v))).collect()
+    pub fn iter(&self) -> impl Iterator<Item = &Vec<Mask>> {
+        self.masks.iter()
     }
 
-    fn mask_of(&self, n: usize, response: &Response) -> Mask {
-        let subaperture = self.subapertures[n];
-        let half_width_m = subaperture.geometry().pulse_fwhm_m * 0.5;
-        // As far as the pulse's skirt stands out of the noise.
-        let skirt_m = half_width_m * math::log2(response.power.max(1.0)).sqrt();
-        Mask {
-            range_m: response.range_m,
-            half_range_m: skirt_m.max(self.settings.mask_range_m),
-            cos: response.cos,
-            half_cos: self.settings.mask_lobes * WAVELENGTH_M / (2.0 * subaperture.aperture_m.max(1e-4)),
-        }
+    /// Removes the responses that are masked.
+    pub fn apply(&self, responses: &mut [Option<Response>]) {
+        let responses = responses.iter_mut().zip(&self.masks);
+        responses.for_each(|(response, masks)| masks.iter().for_each(|mask| mask.apply(response)));
+    }
+
+    /// Adds a detection's masks, `[sub-aperture]`.
+    pub fn add(&mut self, masks: Vec<Option<Mask>>) {
+        self.masks.iter_mut().zip(masks).for_each(|(all, mask)| all.extend(mask));
+    }
+}
+
+/// What an object with these responses masks, `[sub-aperture]`.
+pub(super) fn masks_of(
+    subapertures: &[&Subaperture],
+    responses: &[Option<Response>],
+    settings: &CleanSettings,
+) -> Vec<Option<Mask>> {
+    let each = subapertures.iter().zip(responses);
+    each.map(|(one, response)| response.map(|v| mask_of(one, &v, settings))).collect()
+}
+
+fn mask_of(one: &Subaperture, response: &Response, settings: &CleanSettings) -> Mask {
+    let half_width_m = one.geometry().pulse_fwhm_m * 0.5;
+    // As far as the pulse's skirt stands out of the noise.
+    let skirt_m = half_width_m * math::log2(response.power.max(1.0)).sqrt();
+    Mask {
+        range_m: response.range_m,
+        half_range_m: skirt_m.max(settings.mask_range_m),
+        cos: response.cos,
+        half_cos: settings.mask_lobes * WAVELENGTH_M / (2.0 * one.aperture_m.max(1e-4)),
     }
 }

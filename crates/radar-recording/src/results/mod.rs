@@ -30,6 +30,7 @@ mod log;
 mod outlines;
 mod shapes;
 mod snapshot;
+mod topics;
 mod writer;
 
 pub use beam::BeamCone;

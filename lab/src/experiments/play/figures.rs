@@ -97,7 +97,7 @@ pub struct Figures {
     pub flickers: u64,
 }
 
-/// Rates computed from the figures.
+/// Rates computed from the figures. 18 fields: one row of the tables, serialised as it is.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Rates {
     /// Approaches of objects that had been in the beam for [`Rates::SEEN_S`].

@@ -21,9 +21,9 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    /// Index of its octet, and its number in it.
-    pub(super) fn cube(&self) -> (usize, usize) {
-        (self.index as usize / 8, self.index as usize % 8)
+    /// Index of the cube.
+    pub(super) fn cube(&self) -> usize {
+        self.index as usize
     }
 }
 

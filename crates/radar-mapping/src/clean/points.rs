@@ -1,0 +1,98 @@
+//! Points: cached responses, and the hill climb between the voxels.
+
+use glam::{DVec3, IVec3};
+
+use super::candidate::{Candidate, Hypothesis};
+use super::masks::Mask;
+use super::query::SubapertureQuery;
+use super::residual::Residual;
+use crate::existence::Likelihood;
+use crate::responses::{CachedResponse, Response, ResponseCache};
+
+/// Points with at least this score are moved uphill before they mask. `CLIMB_REACH_M` is the
+/// greatest displacement, metres. Choice: weaker points mask little, and each climb queries dozens
+/// of points; farther away than two voxels is another maximum.
+const CLIMB_FROM_SCORE: f64 = 5.0;
+/// First step of the hill climb in units of `CLIMB_UNIT`, which is in voxels. The last step is one
+/// unit. Choice: from a voxel of 5 cm down to 1 cm, the fine field's voxel.
+const CLIMB_UNITS: i32 = 4;
+const CLIMB_UNIT: f64 = 0.2;
+const CLIMB_REACH_M: f64 = 0.12;
+
+/// Finds the responses to points: those of the updates before, and what it queries.
+pub(super) struct PointSearch<'a> {
+    query: SubapertureQuery<'a>,
+    cache: &'a mut ResponseCache,
+}
+
+impl<'a> PointSearch<'a> {
+    /// `cache`: already at this update.
+    pub fn new(query: SubapertureQuery<'a>, cache: &'a mut ResponseCache) -> Self {
+        Self { query, cache }
+    }
+
+    /// Queries the sub-apertures for points; masked points count as not queried.
+    pub fn query(&mut self, places: &[DVec3], residual: &Residual) {
+        let (query, subapertures, masks) = (self.query, residual.subapertures.all(), residual.masks());
+        self.cache.query(places, |n, places| query.points(subapertures[n], masks.of(n), places));
+    }
+
+    /// The candidate at a queried point.
+    pub fn candidate(&self, place: DVec3, residual: &Residual) -> Candidate {
+        let responses = self.cache.cached(place).iter().map(|cached| cached.flatten()).collect();
+        residual.candidate(Hypothesis::Point(place), responses)
+    }
+
+    /// The score of a queried point; −∞ when too few sub-apertures are unmasked.
+    fn score(&self, place: DVec3, residual: &Residual) -> f64 {
+        let unmasked = |(cached, masks): (&'_ CachedResponse, &Vec<Mask>)| -> Option<Response> {
+            let is_masked = |v: &Response| masks.iter().any(|mask| mask.covers(v.range_m, v.cos));
+            cached.flatten().filter(|response| !is_masked(response))
+        };
+        let of_all = self.cache.cached(place).iter().zip(residual.masks().iter());
+        let responses: Vec<Option<Response>> = of_all.map(unmasked).collect();
+        let unmasked = residual.score(Hypothesis::Point(place), responses.iter().map(Option::as_ref));
+        unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score)
+    }
+
+    /// Moves a strong point uphill between the voxels, in ever smaller steps. A mask beside the
+    /// maximum would leave part of the object's echo unmasked. The points lie on a lattice around
+    /// the first one, so most of them are in the cache.
+    pub fn hill_climb(&mut self, candidate: &mut Candidate, residual: &Residual) {
+        let (Hypothesis::Point(start), Some(unmasked)) = (candidate.hypothesis, candidate.unmasked) else { return };
+        let mut score = unmasked.score;
+        if score < CLIMB_FROM_SCORE {
+            return;
+        }
+        let unit_m = self.query.voxel_m() * CLIMB_UNIT;
+        let place = |at: IVec3| start + at.as_dvec3() * unit_m;
+        let (mut here, mut step) = (IVec3::ZERO, CLIMB_UNITS);
+        while step > 0 {
+            let around = (0..27).filter(|n| *n != 13).map(|n| here + (IVec3::new(n % 3, n / 3 % 3, n / 9) - 1) * step);
+            let near: Vec<IVec3> = around.filter(|at| place(*at).distance(start) <= CLIMB_REACH_M).collect();
+            self.query(&near.iter().map(|at| place(*at)).collect::<Vec<_>>(), residual);
+            let scores = near.iter().map(|at| (*at, self.score(place(*at), residual)));
+            match scores.max_by(|a, b| a.1.total_cmp(&b.1)) {
+                Some((at, best)) if best > score => (here, score) = (at, best),
+                _ => step /= 2,
+            }
+        }
+        if here != IVec3::ZERO {
+            *candidate = Candidate { query_index: candidate.query_index, ..self.candidate(place(here), residual) };
+        }
+    }
+
+    /// Each sub-aperture's response to queried points, and whether it is masked. `unmasked` holds
+    /// the unmasked responses.
+    pub fn likelihoods(&self, places: &[DVec3], unmasked: &[Vec<Option<Response>>]) -> Vec<Vec<Option<Likelihood>>> {
+        let of_point = |(place, unmasked): (&DVec3, &Vec<Option<Response>>)| {
+            let of_one = |(cached, unmasked): (&CachedResponse, &Option<Response>)| match (unmasked, cached.flatten()) {
+                (Some(response), _) => Some(Likelihood { response: *response, is_masked: false }),
+                (None, Some(response)) => Some(Likelihood { response, is_masked: true }),
+                (None, None) => None,
+            };
+            self.cache.cached(*place).iter().zip(unmasked).map(of_one).collect()
+        };
+        places.iter().zip(unmasked).map(of_point).collect()
+    }
+}

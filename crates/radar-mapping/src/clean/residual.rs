@@ -1,0 +1,68 @@
+//! What the window holds beyond what is accounted for: candidates are scored on their unmasked
+//! responses, and a detection masks its own in all the others.
+
+use super::candidate::{Candidate, Hypothesis};
+use super::masks::{Mask, MaskStore, masks_of};
+use super::scoring::Score;
+use super::subapertures::WeightedSubapertures;
+use super::{CleanSettings, HandTrail};
+use crate::responses::Response;
+
+/// The sub-apertures, and what is masked in each so far.
+pub(super) struct Residual<'a> {
+    pub subapertures: WeightedSubapertures<'a>,
+    masks: MaskStore,
+    pub settings: &'a CleanSettings,
+}
+
+impl<'a> Residual<'a> {
+    /// Everything but the wearer's tracked hands.
+    pub fn new(subapertures: WeightedSubapertures<'a>, hands: &HandTrail, settings: &'a CleanSettings) -> Self {
+        let masks = MaskStore::of_hands(subapertures.all(), hands);
+        Self { subapertures, masks, settings }
+    }
+
+    /// A candidate without its masked responses.
+    pub fn candidate(&self, hypothesis: Hypothesis, mut responses: Vec<Option<Response>>) -> Candidate {
+        self.masks.apply(&mut responses);
+        let unmasked = self.score(hypothesis, responses.iter().map(Option::as_ref));
+        Candidate { hypothesis, query_index: None, responses, unmasked }
+    }
+
+    /// Score of a hypothesis over its unmasked responses.
+    pub fn score<'v>(
+        &self,
+        hypothesis: Hypothesis,
+        unmasked: impl Iterator<Item = Option<&'v Response>>,
+    ) -> Option<Score> {
+        let responses = self.subapertures.weighted(unmasked);
+        match hypothesis {
+            Hypothesis::Plane(_) => Score::of_plane(responses),
+            Hypothesis::Point(_) => Score::of_point(responses, self.settings),
+        }
+    }
+
+    /// What is masked in each sub-aperture.
+    pub fn masks(&self) -> &MaskStore {
+        &self.masks
+    }
+
+    /// What a candidate would mask, `[sub-aperture]`.
+    pub fn masks_of(&self, candidate: &Candidate) -> Vec<Option<Mask>> {
+        masks_of(self.subapertures.all(), &candidate.responses, self.settings)
+    }
+
+    /// Masks what a detection accounts for and removes it from the other candidates.
+    pub fn subtract(&mut self, best: &Candidate, open: &mut [Candidate]) {
+        let masks = self.masks_of(best);
+        for candidate in open {
+            let seen_before = candidate.responses.iter().flatten().count();
+            let responses = candidate.responses.iter_mut().zip(&masks);
+            responses.for_each(|(response, mask)| mask.iter().for_each(|mask| mask.apply(response)));
+            if candidate.responses.iter().flatten().count() < seen_before {
+                candidate.unmasked = self.score(candidate.hypothesis, candidate.responses.iter().map(Option::as_ref));
+            }
+        }
+        self.masks.add(masks);
+    }
+}
