@@ -54,12 +54,13 @@ fn bare_choices(source: &str) -> Vec<&str> {
 
 #[test]
 fn every_choice_has_a_reason() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let crates = fs::read_dir(root.join("crates")).unwrap().map(|member| member.unwrap().path().join("src"));
+    let folders: Vec<PathBuf> = crates.chain([root.join("src"), root.join("lab/src")]).collect();
     let mut bare = Vec::new();
-    for member in fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("crates")).unwrap() {
-        for path in sources(&member.unwrap().path().join("src")) {
-            let source = fs::read_to_string(&path).unwrap();
-            bare.extend(bare_choices(&source).into_iter().map(|name| format!("{}: {name}", path.display())));
-        }
+    for path in folders.iter().flat_map(|folder| sources(folder)) {
+        let source = fs::read_to_string(&path).unwrap();
+        bare.extend(bare_choices(&source).into_iter().map(|name| format!("{}: {name}", path.display())));
     }
     assert!(bare.is_empty(), "a choice without its reason:\n{}", bare.join("\n"));
 }

@@ -23,14 +23,14 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
              the recording; each stage is repeated three times and the shortest counts. Nothing else was running.",
         )
         .heading("The whole pipeline by instruction set")
-        .text("From frames and poses to the scene, on one thread. `RADAR_CHAPERONE_INSTRUCTIONS` limits the set.")
-        .table(&by_instruction_set(extent, duration_s)?)
+        .text("From frames and poses to the scene, on one thread, 10 s. `RADAR_CHAPERONE_INSTRUCTIONS` limits the set.")
+        .table(&by_instruction_set(extent, extent.choose(10.0, 2.0))?)
         .heading("Stages");
     for scene in SCENES {
         let cost = PipelineCost { scene: scene.into(), duration_s, seed: 500, settings: Settings::default() };
         page = page.table(&cost.table(false)?);
     }
-    let session = LiveLatency { duration_s: extent.choose(120.0, 2.0), ..LiveLatency::default() };
+    let session = LiveLatency { duration_s: extent.choose(60.0, 2.0), ..LiveLatency::default() };
     Ok(page
         .heading("Latency beside a frame loop")
         .text(
