@@ -208,12 +208,22 @@ impl TradeOff {
             canvas.disc([left + 11.0, y + 8.0], 11.0, color_of(series, &point.series));
             canvas.text([left + 11.0, y + 8.0], Align::Center, &text, TICK_PX, PAPER);
             let figures = format!("{price} {}, {error} {}", self.x_unit, self.y_unit);
-            canvas.text([left + 30.0, y], Align::Left, &figures, LABEL_PX, INK);
-            canvas.text_fitted([left + 30.0, y + 18.0], Align::Left, &point.label, TICK_PX, KEY_PX - 40.0, MUTED);
+            let width = KEY_PX - 40.0;
+            if spacing < MIN_TWO_LINE_PX {
+                let line = format!("{figures}: {}", point.label);
+                canvas.text_fitted([left + 30.0, y + 8.0], Align::Left, &line, TICK_PX, width, INK);
+            } else {
+                canvas.text([left + 30.0, y], Align::Left, &figures, LABEL_PX, INK);
+                canvas.text_fitted([left + 30.0, y + 18.0], Align::Left, &point.label, TICK_PX, width, MUTED);
+            }
             y += spacing;
         }
     }
 }
+
+/// Least height of an entry of the key that takes two lines, pixels. Choice: below it the lines of
+/// neighbours touch.
+const MIN_TWO_LINE_PX: f64 = 38.0;
 
 fn drawable(at: &[f64; 2]) -> bool {
     at.iter().all(|v| v.is_finite() && v.abs() < 1e12)

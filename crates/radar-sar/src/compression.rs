@@ -271,7 +271,7 @@ impl Kernel for Filter<'_> {
         for at in (0..re.len()).step_by(LANES) {
             let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
             for k in 0..taps.len().min(taps_next.len()) {
-                let (x, y) = (s.load_at(&self.samples[0], at + k), s.load_at(&self.samples[1], at + k));
+                let (x, y) = (sixteen(s, &self.samples[0], at + k), sixteen(s, &self.samples[1], at + k));
                 let (tap, tap_next) = (s.splat(taps[k]), s.splat(taps_next[k]));
                 (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
                 (c, d) = (s.mul_add(x, tap_next, c), s.mul_add(y, tap_next, d));
@@ -281,6 +281,16 @@ impl Kernel for Filter<'_> {
             re_next[at..at + LANES].copy_from_slice(&s.store(c));
             im_next[at..at + LANES].copy_from_slice(&s.store(d));
         }
+    }
+}
+
+/// Sixteen values from an index on; all must exist. One comparison, where [`Lanes::load_at`] takes
+/// two: the loop over the taps does little else.
+#[inline(always)]
+fn sixteen<S: Lanes>(s: S, values: &[f32], at: usize) -> S::F {
+    match values[at..].first_chunk() {
+        Some(values) => s.load(values),
+        None => s.splat(0.0),
     }
 }
 
@@ -301,9 +311,9 @@ impl Kernel for FilterOne<'_> {
             let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
             for (k, tap) in self.taps.iter().enumerate() {
                 let tap = s.splat(*tap);
-                (a, b) = (s.mul_add(s.load_at(x, at + k), tap, a), s.mul_add(s.load_at(y, at + k), tap, b));
+                (a, b) = (s.mul_add(sixteen(s, x, at + k), tap, a), s.mul_add(sixteen(s, y, at + k), tap, b));
                 let next = at + LANES + k;
-                (c, d) = (s.mul_add(s.load_at(x, next), tap, c), s.mul_add(s.load_at(y, next), tap, d));
+                (c, d) = (s.mul_add(sixteen(s, x, next), tap, c), s.mul_add(sixteen(s, y, next), tap, d));
             }
             re[at..at + LANES].copy_from_slice(&s.store(a));
             im[at..at + LANES].copy_from_slice(&s.store(b));
