@@ -163,7 +163,8 @@ impl PoseHistory {
         if a.pose.is_none() || b.pose.is_none() {
             return Err(NoPose::Invalid);
         }
-        let gap_s = (b.time_ns - a.time_ns) as f64 * 1e-9;
+        // Stamps are untrusted: two of them may be further apart than an i64 holds.
+        let gap_s = b.time_ns.saturating_sub(a.time_ns) as f64 * 1e-9;
         if gap_s > self.settings.max_gap_s { Err(NoPose::Gap(gap_s)) } else { Ok(()) }
     }
 
@@ -318,6 +319,20 @@ mod tests {
         assert_eq!(at(0.0, 147 * MS), at(0.046, i64::MIN));
         assert_eq!(at(0.0, i64::MAX), at(0.046, i64::MAX));
         assert_ne!(at(0.0, 120 * MS), at(0.0, i64::MIN));
+    }
+
+    #[test]
+    fn extreme_stamps_are_a_gap() {
+        let mut history = PoseHistory::default();
+        for time_ns in [i64::MIN, 0, 8 * MS, i64::MAX] {
+            history.push(&PoseSample::valid(time_ns, &pose(0.0, 0.0))).unwrap();
+        }
+        for between_ns in [i64::MIN + 1, -8 * MS, 16 * MS, i64::MAX - 1] {
+            assert!(matches!(history.at(between_ns), Err(NoPose::Gap(gap_s)) if gap_s > 9e9));
+        }
+        for time_ns in [i64::MIN, 4 * MS, i64::MAX] {
+            assert!(history.at(time_ns).is_ok(), "{time_ns}");
+        }
     }
 
     fn history(smoothing_window_s: f64) -> PoseHistory {

@@ -81,7 +81,8 @@ impl PlaneField {
                 return;
             }
             let base_m = toward.dot(origin - block.middle.translation);
-            let index = |range_m: f64| ((range_m - base_m) / OFFSET_STEP_M) as i32 + OFFSET_HALF;
+            // A head may have leapt further away than an i32 counts steps.
+            let index = |range_m: f64| (((range_m - base_m) / OFFSET_STEP_M) as i32).saturating_add(OFFSET_HALF);
             let first = index(settings.min_range_m).clamp(0, 2 * OFFSET_HALF + 1) as usize;
             let beyond = index(settings.max_range_m).clamp(0, 2 * OFFSET_HALF + 1) as usize;
             let distance_m = |n: usize| (base_m + offset_m(n as i32 - OFFSET_HALF)) as f32;
