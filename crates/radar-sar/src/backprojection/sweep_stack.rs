@@ -28,7 +28,7 @@ pub(super) const HALF_WINDOW: usize = 64;
 pub(super) const WIDE_WINDOW: usize = 128;
 /// Widest step of the tables, metres. Choice: two of the sensor's base steps; a sweep of 3 m takes
 /// 600 entries.
-const TABLE_STEP_M: f64 = 0.005;
+pub(super) const TABLE_STEP_M: f64 = 0.005;
 /// Least number of table steps per pulse width. Choice: |z|² is as wide as the pulse, and over such
 /// a step a Gaussian's chord lies at most (2.355 / 16)² / 8 of its height below it, 0.3 %.
 const STEPS_PER_PULSE: f64 = 16.0;

@@ -13,7 +13,7 @@ use super::beam_table::amplitude;
 use super::beam_table::{BeamTable, ENTRIES_PER_COS};
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
 use super::power::{AtEdge, Edges, Exact, extent, from_sensor, fully_visible, read, window};
-use super::sweep_stack::{Group, HALF_WINDOW, SweepStack, WIDE_WINDOW, WINDOW};
+use super::sweep_stack::{Group, HALF_WINDOW, SweepStack, TABLE_STEP_M, WIDE_WINDOW, WINDOW};
 use crate::Statistic;
 use crate::WAVELENGTH_M;
 use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest, scale3, sub3};
@@ -30,9 +30,8 @@ const AMPLITUDE_ERROR_SHARE: f32 = 2e-2;
 /// distance serves for range, beam and falloff. Choice: 0.4 mm at 2 m, which changes beam and
 /// falloff by less than [`AMPLITUDE_ERROR`].
 const MOVED_SHARE: f32 = 2e-4;
-/// Upper bound of the distance below which D is held constant, metres. Source: the widest table
-/// step, `TABLE_STEP_M` of the stack.
-const HELD_M: f32 = 5e-3;
+/// Upper bound of the distance below which D is held constant, metres: the widest table step.
+const HELD_M: f32 = TABLE_STEP_M as f32;
 
 /// A brick shape accurate enough for sums with phase; without phase use
 /// [`super::power::power_shape`].
