@@ -129,7 +129,7 @@ impl Subaperture {
     /// Whether points between these distances from the sub-aperture's middle lie within the range
     /// axes of all its sweeps.
     pub(super) fn covers(&self, nearest_m: f32, farthest_m: f32) -> bool {
-        nearest_m - self.reach_m >= self.first_m && farthest_m + self.reach_m <= self.last_m
+        nearest_m - self.path.reach_m >= self.axis.first_m && farthest_m + self.path.reach_m <= self.axis.last_m
     }
 
     /// m of the layers' voxels. The box's radius must be at most [`Subaperture::box_reach_m`]. Values of
@@ -138,7 +138,7 @@ impl Subaperture {
         let mut sums = std::mem::take(&mut scratch.sums);
         sums.resize(voxels.layers_m.len(), [[0.0; LANES]; 3]);
         self.sums_in_box(voxels, scratch, &mut sums);
-        on_widest(Coherences { sums: &sums, count: self.sweep_count as f32, m });
+        on_widest(Coherences { sums: &sums, count: self.path.sweep_count as f32, m });
         scratch.sums = sums;
     }
 
@@ -213,7 +213,7 @@ impl Subaperture {
     /// over a box: the chord of the angle that the box's bounding sphere subtends.
     #[inline(always)]
     fn cosine_spread(&self, voxels: &VoxelBox) -> f32 {
-        let distance_m = dot(voxels.middle_m, voxels.middle_m).sqrt() - self.reach_m;
+        let distance_m = dot(voxels.middle_m, voxels.middle_m).sqrt() - self.path.reach_m;
         let sine = voxels.radius_m / distance_m.max(1e-6);
         if sine < 0.95 { (2.0 - 2.0 * (1.0 - sine * sine).sqrt()).sqrt() } else { 2.0 }
     }
@@ -224,17 +224,17 @@ impl Subaperture {
 #[inline(always)]
 fn demodulate_sweeps<S: Lanes>(s: S, block: &Subaperture, middle_m: [f32; 3], scratch: &mut Scratch) {
     let rows = &block.rows;
-    let room = block.groups.len() * LANES;
+    let room = block.path.groups.len() * LANES;
     scratch.starts.resize(room, [0; 2]);
     for values in [&mut scratch.share, &mut scratch.cos, &mut scratch.sin] {
         values.resize(room, 0.0);
     }
     let last = rows.starts.len() - 2;
-    for (g, group) in block.groups.iter().enumerate() {
+    for (g, group) in block.path.groups.iter().enumerate() {
         let [x, y, z] = sub3(s, splat3(s, middle_m), load3(s, &group.position_m));
         let [vx, vy, vz] = load3(s, &group.velocity_m_per_s);
         let resting = length(s, [x, y, z]);
-        let time = s.mul_add(resting, s.splat(block.time_s_per_m), s.splat(block.time_at_zero_s));
+        let time = s.mul_add(resting, s.splat(block.point_time.s_per_m), s.splat(block.point_time.at_zero_s));
         let moved = [s.neg_mul_add(vx, time, x), s.neg_mul_add(vy, time, y), s.neg_mul_add(vz, time, z)];
         let distance = length(s, moved);
         let (cos, sin) = s.cos_sin_of_half_turns(s.mul(distance, s.splat(HALF_TURNS_PER_M)));
@@ -406,13 +406,13 @@ fn add_leaf<S: Lanes, const ORDER: usize>(
 ) {
     // From the leaf's middle, when the box's middle was sampled, to the box's middle.
     let resting = minus(voxels.middle_m, run.position_m);
-    let time_s = dot(resting, resting).sqrt() * block.time_s_per_m + block.time_at_zero_s;
+    let time_s = dot(resting, resting).sqrt() * block.point_time.s_per_m + block.point_time.at_zero_s;
     let [vx, vy, vz] = run.velocity_m_per_s;
     let away = minus(resting, [vx * time_s, vy * time_s, vz * time_s]);
     let middle2 = dot(away, away);
     let middle_m = middle2.sqrt().max(1e-6);
     // Points beyond the middle are sampled later, when the sensor has moved on.
-    let lag = 1.0 - dot(away, run.velocity_m_per_s) / middle_m * block.time_s_per_m;
+    let lag = 1.0 - dot(away, run.velocity_m_per_s) / middle_m * block.point_time.s_per_m;
     let entries_per_m = lag / block.rows.box_step_m;
     let entry_at_zero = MIDDLE - middle_m * entries_per_m;
     let half_turns_per_m = HALF_TURNS_PER_M * lag;

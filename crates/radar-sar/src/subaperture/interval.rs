@@ -32,38 +32,76 @@ pub struct Subaperture {
     pub aperture_m: f64,
     /// Noise rms by which z is normalised, LSB.
     pub noise_rms_lsb: f64,
-    /// Range of the first table entry, and of the last point, metres.
-    pub(super) first_m: f32,
-    pub(super) last_m: f32,
-    /// Distance between table entries, metres, and its inverse.
-    pub(super) entry_step_m: f32,
-    pub(super) entries_per_m: f32,
-    /// Number of entries in one sweep's table.
-    pub(super) entries: usize,
-    /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the middle of its
-    /// sweep.
-    pub(super) time_s_per_m: f32,
-    pub(super) time_at_zero_s: f32,
-    pub(super) sweep_count: usize,
-    /// Positions and velocities of the sweeps, in groups of sixteen.
-    pub(super) groups: Vec<Group>,
+    pub(super) axis: TableAxis,
+    pub(super) point_time: PointTime,
+    pub(super) path: SweepPath,
     /// z times the taper, `[entry][group]` then `[re, im][sweep]`; zero in lanes beyond the last
     /// sweep.
     pub(super) z: Vec<[[f32; LANES]; 2]>,
     /// The same values sweep by sweep, for the box kernel.
     pub(super) rows: Rows,
-    /// Times of the sweeps, seconds after the first.
-    pub(super) times_s: Vec<f32>,
-    /// Upper bound of the distance between any sampling position and the middle, metres.
-    pub(super) reach_m: f32,
-    /// Within each group of sixteen, every sweep lies at most [`SMOOTH_ENTRIES`] table entries from
-    /// the group's middle one.
-    pub(super) is_smooth: bool,
     /// By greatest half-length; computed on first use.
     partitions: [OnceLock<Partition>; PARTITIONS],
     geometry: Arc<SweepGeometry>,
     /// The same sub-aperture before wall cancellation; `None` when nothing was cancelled.
     uncancelled: Option<Arc<Subaperture>>,
+}
+
+/// Range axis of the tables of compressed sweeps.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TableAxis {
+    /// Range of the first table entry, and of the last point, metres.
+    pub first_m: f32,
+    pub last_m: f32,
+    /// Distance between table entries, metres, and its inverse.
+    pub entry_step_m: f32,
+    pub entries_per_m: f32,
+    /// Number of entries in one sweep's table.
+    pub entries: usize,
+}
+
+/// When a point is sampled: `range · s_per_m + at_zero_s` after the middle of its sweep.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PointTime {
+    pub s_per_m: f32,
+    pub at_zero_s: f32,
+}
+
+impl PointTime {
+    /// Time of the point at a range after the middle of its sweep, seconds.
+    #[inline]
+    pub fn at_s(&self, range_m: f32) -> f32 {
+        range_m * self.s_per_m + self.at_zero_s
+    }
+}
+
+/// Where and when the sweeps of a sub-aperture were made.
+#[derive(Debug, Clone)]
+pub(super) struct SweepPath {
+    pub sweep_count: usize,
+    /// Positions and velocities of the sweeps, in groups of sixteen.
+    pub groups: Vec<Group>,
+    /// Times of the sweeps, seconds after the first.
+    pub times_s: Vec<f32>,
+    /// Upper bound of the distance between any sampling position and the middle, metres.
+    pub reach_m: f32,
+    /// Within each group of sixteen, every sweep lies at most [`SMOOTH_ENTRIES`] table entries from
+    /// the group's middle one.
+    pub is_smooth: bool,
+}
+
+impl SweepPath {
+    /// Of sweeps around `origin`, for tables with entries every `entry_step_m`.
+    fn of(observations: &[Observation], origin: DVec3, entry_step_m: f32) -> Self {
+        let groups: Vec<Group> = observations.chunks(LANES).map(|sweeps| group(sweeps, origin)).collect();
+        Self {
+            sweep_count: observations.len(),
+            times_s: observations.iter().map(|o| since_s(o.mid_time_ns, observations[0].mid_time_ns)).collect(),
+            reach_m: observations.iter().map(|o| farthest_m(o, origin)).fold(0.0, f64::max) as f32 * 1.001,
+            is_smooth: groups.iter().all(|group| group.reach_m() <= SMOOTH_ENTRIES * entry_step_m),
+            groups,
+        }
+    }
 }
 
 /// A sub-aperture reduced to what evaluating single points needs: half the memory.
@@ -73,14 +111,13 @@ pub struct PointSubaperture(Subaperture);
 impl PointSubaperture {
     /// Copies what point evaluation needs; reuses the memory of `old` if given.
     pub fn of(block: &Subaperture, old: Option<Self>) -> Self {
-        let (mut z, mut groups) = old.map_or_else(Default::default, |old| (old.0.z, old.0.groups));
+        let (mut z, mut groups) = old.map_or_else(Default::default, |old| (old.0.z, old.0.path.groups));
         z.clone_from(&block.z);
-        groups.clone_from(&block.groups);
+        groups.clone_from(&block.path.groups);
         Self(Subaperture {
             z,
-            groups,
+            path: SweepPath { groups, times_s: Vec::new(), ..block.path },
             rows: Rows::none(),
-            times_s: Vec::new(),
             partitions: Default::default(),
             geometry: Arc::clone(&block.geometry),
             uncancelled: None,
@@ -149,9 +186,9 @@ impl Subaperture {
         let origin = middle.tracking_from_sensor.translation;
         let noise_rms_lsb = subaperture_noise_rms(observations.iter().map(|o| o.samples.as_slice()));
         let geometry = Arc::clone(&middle.geometry);
-        let groups: Vec<Group> = observations.chunks(LANES).map(|sweeps| group(sweeps, origin)).collect();
         let (first_m, step_m, entries) = (compressor.first_m(), compressor.step_m(), compressor.entries());
-        let mut z = vec![[[0.0; LANES]; 2]; entries * groups.len()];
+        let path = SweepPath::of(observations, origin, step_m as f32);
+        let mut z = vec![[[0.0; LANES]; 2]; entries * path.groups.len()];
         let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.pulse_fwhm_m);
         let mut evened = [vec![0.0; entries], vec![0.0; entries]];
         let mut sixteen = [vec![0.0; entries * LANES], vec![0.0; entries * LANES]];
@@ -167,7 +204,7 @@ impl Subaperture {
                 }
                 rows.set(k, &evened[0], &evened[1]);
             }
-            for (entry, row) in z.iter_mut().skip(g).step_by(groups.len()).enumerate() {
+            for (entry, row) in z.iter_mut().skip(g).step_by(path.groups.len()).enumerate() {
                 for (row, values) in row.iter_mut().zip(&sixteen) {
                     (0..sweeps.len()).for_each(|l| row[l] = values[l * entries + entry]);
                 }
@@ -182,20 +219,20 @@ impl Subaperture {
             motion: way.normalize_or_zero(),
             aperture_m: way.length(),
             noise_rms_lsb,
-            first_m: first_m as f32,
-            last_m: geometry.axis.last_m() as f32,
-            entry_step_m: step_m as f32,
-            entries_per_m: (1.0 / step_m) as f32,
-            entries,
-            time_s_per_m: (geometry.point_period_s / geometry.axis.step_m) as f32,
-            time_at_zero_s: middle.point_time_s(geometry.axis.point_at(0.0)) as f32,
-            sweep_count: observations.len(),
-            times_s: observations.iter().map(|o| since_s(o.mid_time_ns, observations[0].mid_time_ns)).collect(),
-            is_smooth: groups.iter().all(|group| group.reach_m() <= SMOOTH_ENTRIES * step_m as f32),
-            groups,
+            axis: TableAxis {
+                first_m: first_m as f32,
+                last_m: geometry.axis.last_m() as f32,
+                entry_step_m: step_m as f32,
+                entries_per_m: (1.0 / step_m) as f32,
+                entries,
+            },
+            point_time: PointTime {
+                s_per_m: (geometry.point_period_s / geometry.axis.step_m) as f32,
+                at_zero_s: middle.point_time_s(geometry.axis.point_at(0.0)) as f32,
+            },
+            path,
             z,
             rows,
-            reach_m: observations.iter().map(|o| farthest_m(o, origin)).fold(0.0, f64::max) as f32 * 1.001,
             partitions: Default::default(),
             geometry,
             uncancelled: None,
@@ -208,7 +245,7 @@ impl Subaperture {
         while at + 1 < PARTITIONS && bound_m * LENGTH_RATIO <= half_length_m {
             (at, bound_m) = (at + 1, bound_m * LENGTH_RATIO);
         }
-        self.partitions[at].get_or_init(|| partition(&self.groups, self.sweep_count, bound_m))
+        self.partitions[at].get_or_init(|| partition(&self.path.groups, self.path.sweep_count, bound_m))
     }
 
     /// The sub-aperture as measured, before wall cancellation.
@@ -218,7 +255,7 @@ impl Subaperture {
 
     /// Number of sweeps.
     pub fn sweep_count(&self) -> usize {
-        self.sweep_count
+        self.path.sweep_count
     }
 
     /// Range axis, pulse and timing of its sweeps.

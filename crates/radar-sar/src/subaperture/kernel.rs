@@ -110,7 +110,7 @@ impl<T: RangeTarget> Kernel for MeasureAll<'_, T> {
         let mut found = Vec::with_capacity(places.len());
         for &place in places {
             let middle_m = place.distance_m([0.0; 3]);
-            let plain = block.is_smooth && block.covers(middle_m, middle_m);
+            let plain = block.path.is_smooth && block.covers(middle_m, middle_m);
             found.push(if plain { coherence(s, block, place) } else { bounds_checked_coherence(block, place) });
         }
         found
@@ -125,17 +125,17 @@ fn coherence<S: Lanes>(s: S, block: &Subaperture, place: impl RangeTarget) -> Co
     let (mut sum_re, mut sum_im, mut sum_energy) = (zero, zero, zero);
     let half_turns_per_m = s.splat((4.0 / WAVELENGTH_M) as f32);
     let one = s.splat(1.0);
-    for (g, group) in block.groups.iter().enumerate() {
+    for (g, group) in block.path.groups.iter().enumerate() {
         let [x, y, z] = &group.position_m;
         let middle_m = place.distance_m([x[LANES / 2], y[LANES / 2], z[LANES / 2]]);
-        let time = s.splat(middle_m * block.time_s_per_m + block.time_at_zero_s);
+        let time = s.splat(block.point_time.at_s(middle_m));
         let [x, y, z] = load3(s, &group.position_m);
         let [vx, vy, vz] = load3(s, &group.velocity_m_per_s);
         let distance = place.distances(s, [s.mul_add(vx, time, x), s.mul_add(vy, time, y), s.mul_add(vz, time, z)]);
         let (cos, sin) = s.cos_sin_of_half_turns(s.mul(distance, half_turns_per_m));
         let (at, entry_m) = block.entry_at(middle_m);
         let rows = [block.row(at - 1, g), block.row(at, g), block.row(at + 1, g)];
-        let u = s.mul(s.sub(distance, s.splat(entry_m)), s.splat(block.entries_per_m));
+        let u = s.mul(s.sub(distance, s.splat(entry_m)), s.splat(block.axis.entries_per_m));
         let half_u = s.mul(u, s.splat(0.5));
         let weights = [s.sub(s.mul(half_u, u), half_u), s.neg_mul_add(u, u, one), s.mul_add(half_u, u, half_u)];
         let [re, im] = [interpolate(s, &rows, 0, weights), interpolate(s, &rows, 1, weights)];
@@ -145,7 +145,7 @@ fn coherence<S: Lanes>(s: S, block: &Subaperture, place: impl RangeTarget) -> Co
         sum_energy = s.mul_add(re, re, s.mul_add(im, im, sum_energy));
     }
     let [re, im, energy] = [s.store(sum_re), s.store(sum_im), s.store(sum_energy)];
-    Coherence::of(sum(re), sum(im), sum(energy), block.sweep_count as f32)
+    Coherence::of(sum(re), sum(im), sum(energy), block.path.sweep_count as f32)
 }
 
 #[inline(always)]
@@ -168,12 +168,12 @@ impl Coherence {
 fn bounds_checked_coherence(block: &Subaperture, place: impl RangeTarget) -> Coherence {
     let (mut sum_re, mut sum_im, mut energy) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
     let turns_per_m = (2.0 / WAVELENGTH_M) as f32;
-    for (g, group) in block.groups.iter().enumerate() {
+    for (g, group) in block.path.groups.iter().enumerate() {
         // The middle sweep determines the table entry, and the time at which points at about this
         // range were sampled.
         let [x, y, z] = &group.position_m;
         let middle_m = place.distance_m([x[LANES / 2], y[LANES / 2], z[LANES / 2]]);
-        let distance = place.distances_m(&group.moved(middle_m * block.time_s_per_m + block.time_at_zero_s));
+        let distance = place.distances_m(&group.moved(block.point_time.at_s(middle_m)));
         let (re, im) = block.look_up(g, middle_m, &distance);
         for l in 0..LANES {
             // Limited to 100 m and NaN-free, so that lanes that do not count add zero and not NaN.
@@ -185,7 +185,7 @@ fn bounds_checked_coherence(block: &Subaperture, place: impl RangeTarget) -> Coh
             energy[l] += re[l] * re[l] + im[l] * im[l];
         }
     }
-    Coherence::of(sum(sum_re), sum(sum_im), sum(energy), block.sweep_count as f32)
+    Coherence::of(sum(sum_re), sum(sum_im), sum(energy), block.path.sweep_count as f32)
 }
 
 impl Group {
@@ -206,15 +206,15 @@ impl Subaperture {
     /// The interior table entry nearest to a distance, and its range.
     #[inline(always)]
     fn entry_at(&self, middle_m: f32) -> (usize, f32) {
-        let at = (middle_m - self.first_m) * self.entries_per_m + 0.5;
+        let at = (middle_m - self.axis.first_m) * self.axis.entries_per_m + 0.5;
         // A NaN distance falls on the first entry; it does not count.
-        let at = if at >= 1.0 { at.min((self.entries - 2) as f32) } else { 1.0 } as i32;
-        (at as usize, self.first_m + at as f32 * self.entry_step_m)
+        let at = if at >= 1.0 { at.min((self.axis.entries - 2) as f32) } else { 1.0 } as i32;
+        (at as usize, self.axis.first_m + at as f32 * self.axis.entry_step_m)
     }
 
     #[inline(always)]
     fn row(&self, entry: usize, group: usize) -> &[[f32; LANES]; 2] {
-        &self.z[entry * self.groups.len() + group]
+        &self.z[entry * self.path.groups.len() + group]
     }
 
     /// z of a group's sweeps, each at its own distance; zero outside the axis.
@@ -224,10 +224,10 @@ impl Subaperture {
         let (before, here, after) = (self.row(at - 1, group), self.row(at, group), self.row(at + 1, group));
         let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
-            let u = (distance[l] - entry_m) * self.entries_per_m;
+            let u = (distance[l] - entry_m) * self.axis.entries_per_m;
             // Sixteen sweeps share an entry. A sweep more than four entries away does not belong to
             // their motion.
-            let inside = (distance[l] >= self.first_m) & (distance[l] <= self.last_m) & (u.abs() <= 4.0);
+            let inside = (distance[l] >= self.axis.first_m) & (distance[l] <= self.axis.last_m) & (u.abs() <= 4.0);
             let (u, inside) = if inside { (u, 1.0) } else { (0.0, 0.0) };
             let (low, middle, high) = (0.5 * (u * u - u) * inside, (1.0 - u * u) * inside, 0.5 * (u * u + u) * inside);
             re[l] = before[0][l] * low + here[0][l] * middle + after[0][l] * high;

@@ -133,7 +133,7 @@ impl MtiFilter {
         on_widest(Project { basis: &basis, sweeps: slow.sweeps(), width: data.width, data: &mut data.values });
         let spectrum = Spectrum::of(&slow, &data, &cells, basis.len() / slow.padded());
         let bound = math::ln(cells.len() as f64 * data.ranges as f64 / self.alarms_per_subaperture);
-        let range_m = |bin: f64| f64::from(block.first_m) + bin * data.step_m;
+        let range_m = |bin: f64| f64::from(block.axis.first_m) + bin * data.step_m;
         let echoes = spectrum.echoes(bound, data.step_m).into_iter().map(|(bin, rate, power)| MtiEcho {
             range_m: range_m(bin),
             range_rate_m_per_s: middle + rate,
@@ -155,8 +155,8 @@ impl MtiFilter {
         let ahead = block.middle.forward();
         let edge_rad = math::acos(self.edge_cos.clamp(-1.0, 1.0));
         let (mut rates, mut straight) = ([f64::INFINITY, f64::NEG_INFINITY], 0.0);
-        for k in 0..block.sweep_count {
-            let [x, y, z] = block.groups[k / LANES].velocity_m_per_s.map(|axis| f64::from(axis[k % LANES]));
+        for k in 0..block.path.sweep_count {
+            let [x, y, z] = block.path.groups[k / LANES].velocity_m_per_s.map(|axis| f64::from(axis[k % LANES]));
             let velocity = DVec3::new(x, y, z);
             let speed = velocity.length();
             let off_rad = math::acos((velocity.dot(ahead) / speed.max(1e-9)).clamp(-1.0, 1.0));
@@ -164,7 +164,7 @@ impl MtiFilter {
             let nearing = speed * math::cos((off_rad - edge_rad).max(0.0));
             let leaving = -speed * math::cos((off_rad + edge_rad).min(std::f64::consts::PI));
             rates = [rates[0].min(-nearing), rates[1].max(leaving)];
-            straight -= velocity.dot(ahead) / block.sweep_count as f64;
+            straight -= velocity.dot(ahead) / block.path.sweep_count as f64;
         }
         (rates, straight)
     }
@@ -197,9 +197,9 @@ fn hz(rate_m_per_s: f64) -> f64 {
 impl SlowTime {
     /// `None` with fewer than eight sweeps, or times that do not increase.
     fn of(block: &Subaperture) -> Option<Self> {
-        let (first, last) = (*block.times_s.first()?, *block.times_s.last()?);
-        let (count, middle) = (block.times_s.len(), 0.5 * (first + last));
-        let mut steps: Vec<f32> = block.times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let (first, last) = (*block.path.times_s.first()?, *block.path.times_s.last()?);
+        let (count, middle) = (block.path.times_s.len(), 0.5 * (first + last));
+        let mut steps: Vec<f32> = block.path.times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let is_sound = count >= 8 && last > first && steps.iter().all(|step| *step > 0.0);
         if !is_sound {
             return None;
@@ -208,7 +208,7 @@ impl SlowTime {
         Some(Self {
             length_s: f64::from(last - first) * count as f64 / (count - 1) as f64,
             step_s: f64::from(*step_s),
-            times_s: block.times_s.iter().map(|time_s| time_s - middle).collect(),
+            times_s: block.path.times_s.iter().map(|time_s| time_s - middle).collect(),
         })
     }
 
@@ -279,10 +279,10 @@ impl SlowTime {
     /// by a range rate.
     fn demodulated(&self, block: &Subaperture, rate_m_per_s: f64) -> Demodulated {
         let pulse_m = block.geometry().pulse_fwhm_m;
-        let stride = ((0.5 * pulse_m * f64::from(block.entries_per_m)).round() as usize).max(1);
-        let ranges = (block.entries - 1) / stride + 1;
+        let stride = ((0.5 * pulse_m * f64::from(block.axis.entries_per_m)).round() as usize).max(1);
+        let ranges = (block.axis.entries - 1) / stride + 1;
         let width = ranges.next_multiple_of(LANES);
-        let groups = block.groups.len();
+        let groups = block.path.groups.len();
         let mut values = vec![0.0; 2 * width * self.sweeps()];
         for (k, row) in values.chunks_exact_mut(2 * width).enumerate() {
             let turns = -hz(rate_m_per_s) * f64::from(self.times_s[k]);
@@ -296,7 +296,7 @@ impl SlowTime {
                 (*re, *im) = (a * cos - b * sin, a * sin + b * cos);
             }
         }
-        Demodulated { values, width, ranges, step_m: stride as f64 * f64::from(block.entry_step_m) }
+        Demodulated { values, width, ranges, step_m: stride as f64 * f64::from(block.axis.entry_step_m) }
     }
 }
 
