@@ -183,13 +183,13 @@ impl Poses {
     /// Writes all poses that are due and returns the time of the next one.
     fn write_due(&mut self, track: &mut Track) -> Result<i64> {
         loop {
-            let at_ns = self.origin_ns + (self.live.next_pose_s() * 1e9).round() as i64;
+            let at_ns = self.stamp_ns(self.live.next_pose_s());
             if at_ns > monotonic_ns() {
                 return Ok(at_ns);
             }
             // The format cannot express an invalid pose.
-            if let Some(pose) = self.live.next_pose() {
-                track.write(at_ns + self.offset_ns, &pose)?;
+            if let Some((stamp_s, pose)) = self.live.next_pose() {
+                track.write(self.stamp_ns(stamp_s) + self.offset_ns, &pose)?;
             }
         }
     }
@@ -198,12 +198,16 @@ impl Poses {
     fn whole_track(mut self, duration_s: f64) -> String {
         let mut text = HEAD_LINE.to_owned();
         while self.live.next_pose_s() <= duration_s {
-            let at_ns = self.origin_ns + (self.live.next_pose_s() * 1e9).round() as i64;
-            if let Some(pose) = self.live.next_pose() {
-                text += &track_line(at_ns + self.offset_ns, &pose);
+            if let Some((stamp_s, pose)) = self.live.next_pose() {
+                text += &track_line(self.stamp_ns(stamp_s) + self.offset_ns, &pose);
             }
         }
         text
+    }
+
+    /// Host time of a time of the scenario, nanoseconds.
+    fn stamp_ns(&self, time_s: f64) -> i64 {
+        self.origin_ns + (time_s * 1e9).round() as i64
     }
 }
 

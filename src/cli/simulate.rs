@@ -16,7 +16,7 @@ use radar_mapping::in_time_order;
 use radar_recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
-use radar_simulation::{MOTIONS, PlaySession, SCENES, Scenario, Simulated, TrackingErrors};
+use radar_simulation::{Headset, MOTIONS, PlaySession, SCENES, Scenario, SensorEffects, Simulated, TrackingErrors};
 
 /// The room of the play sessions.
 const PLAY_ROOM: &str = "play-room";
@@ -61,12 +61,19 @@ pub(super) struct Simulate {
     /// Time of a sweep's pose minus time of the sweep, as written, seconds; default: 0
     #[arg(long, allow_hyphen_values = true)]
     time_offset_s: Option<f64>,
+    /// How well the headset is tracked
+    #[arg(long, default_value = "nominal", value_parser = clap::builder::PossibleValuesParser::new(Headset::NAMES))]
+    headset: String,
     /// Tracking without any error
-    #[arg(long)]
+    #[arg(long, conflicts_with = "headset")]
     perfect_tracking: bool,
-    /// Losses of tracking per minute, of 50 to 300 ms each
-    #[arg(long, default_value_t = 0.0)]
-    dropouts_per_minute: f64,
+    /// Losses of tracking per minute, of 50 to 300 ms each; default: by the headset
+    #[arg(long)]
+    dropouts_per_minute: Option<f64>,
+    /// Imperfections of the sensor: none, measured, or a list of jitter, leakage, ringing,
+    /// range_bias, warm_up, interference, profile_noise, each with =STRENGTH if it is not 1
+    #[arg(long, default_value = "none")]
+    effects: SensorEffects,
     /// Recording to write
     #[arg(long, value_name = "FILE.mcap", required_unless_present = "serve")]
     out: Option<PathBuf>,
@@ -112,9 +119,11 @@ impl Simulate {
         }
     }
 
-    fn errors(&self) -> TrackingErrors {
-        let errors = if self.perfect_tracking { TrackingErrors::none() } else { TrackingErrors::default() };
-        TrackingErrors { dropouts_per_minute: self.dropouts_per_minute, ..errors }
+    fn errors(&self) -> Result<TrackingErrors> {
+        let headset = if self.perfect_tracking { Headset::Perfect } else { Headset::from_name(&self.headset)? };
+        let mut errors = headset.errors();
+        errors.dropouts_per_minute = self.dropouts_per_minute.unwrap_or(errors.dropouts_per_minute);
+        Ok(errors)
     }
 
     fn scenario(&self) -> Result<Scenario> {
@@ -124,7 +133,8 @@ impl Simulate {
         if let Some(mount) = &self.mount {
             scenario.head_from_sensor = parse_mount(mount)?;
         }
-        scenario.errors = self.errors();
+        scenario.errors = self.errors()?;
+        scenario.effects = self.effects;
         scenario.snr_db = self.snr_db;
         scenario.time_offset_s = self.time_offset_s.unwrap_or(0.0);
         Ok(scenario)
@@ -145,7 +155,8 @@ impl Simulate {
         if let Some(mount) = &self.mount {
             session.head_from_sensor = parse_mount(mount)?;
         }
-        session.errors = self.errors();
+        session.errors = self.errors()?;
+        session.effects = self.effects;
         // Aligns the room with the axes, so that the walls in the truth are axis-aligned.
         session.axis_aligned = true;
         Ok(session)

@@ -3,14 +3,14 @@
 //!
 //! Seeded physics: the same seed gives the same recording. It shares constants with the
 //! reconstruction (wavelength, pulse widths, loop gains), but no code. It is not an electromagnetic
-//! solver: a room consists of point scatterers and specular walls. Not simulated: multipath,
-//! leakage from transmitter to receiver, timing drift, shadowing.
+//! solver: a room consists of point scatterers and specular walls. Not simulated: multipath, timing
+//! drift, shadowing.
 //!
 //! - [`Scenario`]: a scene of [`SCENES`], a motion of [`MOTIONS`], a sensor; [`Scenario::run`] gives
 //!   a [`Simulated`] recording, [`Scenario::live`] an endless one.
 //! - [`PlaySession`]: minutes of play in a furnished room, with hands and a visitor.
-//! - [`Room`], [`Scatterer`], [`WallPanel`]: what returns echoes. [`TrackingErrors`]: what is wrong
-//!   with the poses.
+//! - [`Room`], [`Scatterer`], [`WallPanel`]: what returns echoes. [`SensorEffects`]: jitter, leakage and
+//!   other imperfections of the sensor. [`Headset`], [`TrackingErrors`]: what is wrong with the poses.
 //!
 //! Frames and units: right-handed, +y up, −z forward, floor at y = 0, metres, as OpenVR; radar
 //! cross-sections in dBsm, samples in LSB, phase growing with range; times in nanoseconds of the
@@ -35,6 +35,7 @@
 
 mod arm;
 mod furniture;
+mod headset;
 mod live;
 mod motion;
 mod receiver;
@@ -42,6 +43,7 @@ mod room;
 mod sampler;
 mod scenario;
 mod scenes;
+mod sensor;
 mod session;
 mod smooth;
 mod strokes;
@@ -50,11 +52,13 @@ mod true_path;
 mod truth_builder;
 
 pub use arm::{ARM_M, ARM_REST_S};
+pub use headset::{Headset, HeadsetError};
 pub use live::LiveScenario;
 pub use motion::{MOTIONS, Motion, MotionError};
 pub use room::{Room, Scatterer, SceneObject, WallPanel};
 pub use scenario::{Scenario, ScenarioError, Simulated};
 pub use scenes::{SCENES, Scene, SceneError, scene};
+pub use sensor::{EffectsError, SensorEffects};
 pub use session::{PlaySession, Session, SessionError, SessionObject, SessionWall};
 pub use strokes::{ChairWalk, ToAndFro};
 pub use tracker::{TrackingErrors, normal_vector};

@@ -29,7 +29,8 @@ impl LiveScenario {
     pub fn frame(&self, config: &SensorConfig, number: u64, end_s: f64, samples: &mut Vec<Complex<i16>>) -> bool {
         let start_s = end_s - frame_timing(config).frame_s;
         let sensor_at = |t: f64| self.prepared.sensor_at(self.path_time_s(t));
-        self.prepared.frame(config, number, start_s, sensor_at, samples)
+        let sensor = self.prepared.sensor_model(config);
+        self.prepared.frame(config, &sensor, (number, start_s), sensor_at, samples)
     }
 
     /// Time of the next pose, seconds.
@@ -37,13 +38,14 @@ impl LiveScenario {
         self.poses as f64 / self.prepared.scenario.errors.rate_hz
     }
 
-    /// The next tracked pose, `tracking_from_head`; `None` if tracking is lost.
-    pub fn next_pose(&mut self) -> Option<Pose> {
+    /// The next tracked pose, `tracking_from_head`, with its stamped time, seconds; `None` if tracking
+    /// is lost.
+    pub fn next_pose(&mut self) -> Option<(f64, Pose)> {
         let time_s = self.next_pose_s();
         let pose = self.prepared.head_at(self.path_time_s(time_s));
         self.poses += 1;
-        let (measured, valid) = self.tracker.measure(time_s, &pose);
-        valid.then_some(measured)
+        let measured = self.tracker.measure(time_s, &pose);
+        measured.is_valid.then_some((time_s + measured.stamp_error_s, measured.tracking_from_head))
     }
 
     /// Time on the scenario's path, seconds: at rest before the start, then forwards and backwards
@@ -78,10 +80,10 @@ mod tests {
             let differ = samples.iter().zip(&recorded.frames[index as usize].samples).filter(|(a, b)| a != b).count();
             assert!(samples.len() == 800 && differ < 8, "{differ}");
         }
-        let mut before = live.next_pose().unwrap();
+        let (_, mut before) = live.next_pose().unwrap();
         for _ in 0..600 {
             assert!(live.next_pose_s() < 6.0);
-            let pose = live.next_pose().unwrap();
+            let (_, pose) = live.next_pose().unwrap();
             assert!(pose.translation.distance(before.translation) < 0.03);
             before = pose;
         }

@@ -1,10 +1,7 @@
-//! Output of the radar's converter: echoes of all scatterers and walls at each point's own sampling
-//! time, receiver noise, 16-bit quantisation, saturation.
+//! The sum of the echoes of all scatterers and walls, in each point at its own sampling time.
 
 use glam::DVec3;
-use num_complex::{Complex, Complex64};
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
+use num_complex::Complex64;
 
 use super::{Room, Scatterer};
 use a121::{Subsweep, noise_rms_lsb, snr_db};
@@ -25,8 +22,8 @@ pub(super) struct Receiver<'a> {
     pub beam: &'a Beam,
     /// Offset added to every radar cross-section, dB.
     pub rcs_offset_db: f64,
-    /// Whether there is receiver noise.
-    pub noise: bool,
+    /// Measured range minus true range, metres.
+    pub range_bias_m: f64,
 }
 
 /// A moving scatterer: its state in the middle of a sweep, and its displacement during the sweep.
@@ -103,15 +100,9 @@ impl Receiver<'_> {
         }
     }
 
-    /// Appends the samples of one sweep; `sensor_at` gives the pose at a time after the sweep's
-    /// first point, seconds. Returns whether a sample saturated.
-    pub fn sweep(
-        &self,
-        sensor_at: impl Fn(f64) -> Pose,
-        point_period_s: f64,
-        rng: &mut ChaCha8Rng,
-        samples: &mut Vec<Complex<i16>>,
-    ) -> bool {
+    /// The echoes in each point of one sweep, LSB; `sensor_at` gives the pose at a time after the
+    /// sweep's first point, seconds.
+    pub fn sweep(&self, sensor_at: impl Fn(f64) -> Pose, point_period_s: f64) -> Vec<Complex64> {
         let axis = range_axis(self.subsweep);
         let last = axis.points.saturating_sub(1) as f64;
         let (start, end) = (sensor_at(0.0), sensor_at(last * point_period_s));
@@ -121,30 +112,21 @@ impl Receiver<'_> {
         for echo in self.echoes(&middle) {
             // Beyond 1.6 widths the pulse is 60 dB down; 2 cm allow for motion during a sweep.
             let reach_m = 1.6 * width_m + 0.02;
-            let first = axis.point_at(echo.mid_distance_m - reach_m).ceil().max(0.0) as usize;
-            let beyond = (axis.point_at(echo.mid_distance_m + reach_m).floor() + 1.0).clamp(0.0, axis.points as f64);
+            let mid_m = echo.mid_distance_m + self.range_bias_m;
+            let first = axis.point_at(mid_m - reach_m).ceil().max(0.0) as usize;
+            let beyond = (axis.point_at(mid_m + reach_m).floor() + 1.0).clamp(0.0, axis.points as f64);
             for (n, sample) in signal.iter_mut().enumerate().take(beyond as usize).skip(first) {
                 // During a sweep (≤ 6 ms) the path is straight.
                 let share = if last > 0.0 { n as f64 / last } else { 0.0 };
-                let distance_m = self.distance_m(&echo, start.translation.lerp(end.translation, share), share);
+                let position = start.translation.lerp(end.translation, share);
+                let distance_m = self.distance_m(&echo, position, share) + self.range_bias_m;
                 let off = (axis.range_m(n) - distance_m) / width_m;
                 let amplitude = echo.amplitude * math::powf(0.5f64, 4.0 * off * off);
                 let turns = 2.0 * distance_m * CARRIER_HZ / SPEED_OF_LIGHT_M_PER_S;
                 *sample += math::from_polar(amplitude, std::f64::consts::TAU * turns.fract() + echo.phase_rad);
             }
         }
-        let per_axis = if self.noise { noise_rms_lsb(self.subsweep) / 2f64.sqrt() } else { 0.0 };
-        let mut saturated = false;
-        for value in signal {
-            let mut convert = |v: f64| {
-                let noise: f64 = StandardNormal.sample(rng);
-                let level = (v + per_axis * noise).round();
-                saturated |= !(f64::from(i16::MIN)..=f64::from(i16::MAX)).contains(&level);
-                level as i16
-            };
-            samples.push(Complex::new(convert(value.re), convert(value.im)));
-        }
-        saturated
+        signal
     }
 }
 
@@ -158,7 +140,6 @@ mod tests {
     use super::*;
     use a121::Profile;
     use radar_sar::WAVELENGTH_M;
-    use rand::SeedableRng;
 
     fn room(rcs_dbsm: f64, z: f64) -> Room {
         let scatterer = Scatterer { position_m: DVec3::new(0.0, 0.0, -z), rcs_dbsm, lobe: DVec3::ZERO, phase_rad: 0.0 };
@@ -169,28 +150,20 @@ mod tests {
         Subsweep { num_points: 300, step_length: 4, hwaas: 16, ..Default::default() }
     }
 
-    fn sweep(room: &Room, noise: bool, seed: u64) -> (Vec<Complex<i16>>, bool) {
-        let subsweep = subsweep();
-        let receiver =
-            Receiver { room, moving: &[], subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
-        let mut samples = Vec::new();
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let saturated = receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut rng, &mut samples);
-        (samples, saturated)
+    fn receiver<'a>(room: &'a Room, moving: &'a [MovingScatterer], subsweep: &'a Subsweep) -> Receiver<'a> {
+        Receiver { room, moving, subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, range_bias_m: 0.0 }
     }
 
     #[test]
     fn echo_has_expected_range_strength_and_phase() {
         let axis = range_axis(&subsweep());
         let range = axis.range_m(100);
-        let (samples, saturated) = sweep(&room(0.0, range), false, 1);
-        assert!(!saturated);
-        let power = |s: &Complex<i16>| f64::from(s.re).hypot(f64::from(s.im));
-        let peak = samples.iter().map(power).fold(0.0, f64::max);
-        assert!((power(&samples[100]) - peak).abs() < 1.0);
+        let samples = receiver(&room(0.0, range), &[], &subsweep()).sweep(|_| Pose::IDENTITY, 1e-5);
+        let peak = samples.iter().map(|s| s.norm()).fold(0.0, f64::max);
+        assert!((samples[100].norm() - peak).abs() < 1e-6 * peak);
         let snr = 20.0 * (peak / noise_rms_lsb(&subsweep())).log10();
         assert!((snr - snr_db(Profile::P3, 16, 0.0, range)).abs() < 0.01);
-        let phase = f64::from(samples[100].im).atan2(f64::from(samples[100].re));
+        let phase = samples[100].arg();
         let turns = range / (WAVELENGTH_M / 2.0);
         let expected = std::f64::consts::TAU * turns.fract();
         let difference = (phase - expected).rem_euclid(std::f64::consts::TAU);
@@ -206,12 +179,8 @@ mod tests {
         let (subsweep, empty) = (subsweep(), Room::default());
         let sweep_of = |way: DVec3| {
             let moving = [MovingScatterer { scatterer, way }];
-            let (beam, rcs_offset_db) = (&Beam::Uniform, 0.0);
-            let receiver =
-                Receiver { room: &empty, moving: &moving, subsweep: &subsweep, beam, rcs_offset_db, noise: false };
-            let mut samples = Vec::new();
-            receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut ChaCha8Rng::seed_from_u64(1), &mut samples);
-            samples.iter().map(|s| f64::from(s.im).atan2(f64::from(s.re))).collect::<Vec<_>>()
+            let samples = receiver(&empty, &moving, &subsweep).sweep(|_| Pose::IDENTITY, 1e-5);
+            samples.iter().map(|s| s.arg()).collect::<Vec<_>>()
         };
         let middle = range_axis(&subsweep).point_at(0.6).round() as usize;
         let turned = |way: DVec3, n: usize| {
@@ -226,10 +195,13 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_expected_rms_and_strong_echoes_saturate() {
-        let (samples, _) = sweep(&Room::default(), true, 2);
-        let mean = samples.iter().map(|s| f64::from(s.re).powi(2) + f64::from(s.im).powi(2)).sum::<f64>() / 300.0;
-        assert!((mean.sqrt() / noise_rms_lsb(&subsweep()) - 1.0).abs() < 0.1);
-        assert!(sweep(&room(30.0, 0.5), true, 3).1);
+    fn range_bias_moves_an_echo() {
+        let (room, subsweep) = (room(0.0, 0.7), subsweep());
+        let peak = |range_bias_m: f64| {
+            let biased = Receiver { range_bias_m, ..receiver(&room, &[], &subsweep) };
+            let samples = biased.sweep(|_| Pose::IDENTITY, 1e-5);
+            (0..300).max_by(|a, b| samples[*a].norm().total_cmp(&samples[*b].norm())).unwrap()
+        };
+        assert_eq!(peak(-3.0 * subsweep.step_m()) + 3, peak(0.0));
     }
 }

@@ -1,12 +1,11 @@
 //! Samples of a frame: each sweep and subsweep at its own time. The noise depends only on the
 //! frame's number, so frames can be generated on any thread.
 
-use num_complex::Complex;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
+use num_complex::{Complex, Complex64};
 
 use super::Room;
 use super::receiver::{MovingScatterer, Receiver};
+use super::sensor::SensorModel;
 use a121::{SensorConfig, frame_timing};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
@@ -21,8 +20,8 @@ pub(super) struct Surroundings<'a> {
 pub(super) struct Sampler<'a> {
     pub config: &'a SensorConfig,
     pub beam: &'a Beam,
-    /// Seed of the noise, together with the frame's number.
-    pub seed: u64,
+    /// The sensor behind the antenna, with the same configuration.
+    pub sensor: &'a SensorModel,
     /// Offset added to every radar cross-section, dB.
     pub rcs_offset_db: f64,
 }
@@ -39,19 +38,25 @@ impl Sampler<'_> {
         surroundings: impl Fn(f64, f64) -> Surroundings<'a>,
         samples: &mut Vec<Complex<i16>>,
     ) -> bool {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ 0x0CC0_4E12);
-        rng.set_stream(number);
+        let mut state = self.sensor.frame(number, start_s);
         let timing = frame_timing(self.config);
         let mut data_saturated = false;
         for sweep in 0..self.config.sweeps_per_frame {
             let sweep_s = start_s + f64::from(sweep) * timing.sweep_period_s;
-            for (subsweep, &(offset_s, period_s)) in self.config.subsweeps.iter().zip(&timing.subsweeps) {
+            for (index, subsweep) in self.config.subsweeps.iter().enumerate() {
+                let (offset_s, period_s) = timing.subsweeps[index];
                 let first_s = sweep_s + offset_s;
                 let last_s = first_s + period_s * f64::from(subsweep.num_points.saturating_sub(1));
-                let Surroundings { room, moving } = surroundings(first_s, last_s);
-                let (beam, rcs_offset_db) = (self.beam, self.rcs_offset_db);
-                let receiver = Receiver { room, moving: &moving, subsweep, beam, rcs_offset_db, noise: true };
-                data_saturated |= receiver.sweep(|t| sensor_at(first_s + t), period_s, &mut rng, samples);
+                let echoes = if self.sensor.hears_echoes(index) {
+                    let Surroundings { room, moving } = surroundings(first_s, last_s);
+                    let range_bias_m = self.sensor.range_bias_m(index);
+                    let (beam, rcs_offset_db) = (self.beam, self.rcs_offset_db);
+                    let receiver = Receiver { room, moving: &moving, subsweep, beam, rcs_offset_db, range_bias_m };
+                    receiver.sweep(|t| sensor_at(first_s + t), period_s)
+                } else {
+                    vec![Complex64::ZERO; subsweep.num_points as usize]
+                };
+                data_saturated |= state.convert(index, first_s, echoes, samples);
             }
         }
         data_saturated

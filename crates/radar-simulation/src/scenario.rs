@@ -6,8 +6,9 @@ use num_complex::Complex;
 use rayon::prelude::*;
 
 use super::sampler::{Sampler, Surroundings};
+use super::sensor::SensorModel;
 use super::truth_builder::TruthBuilder;
-use super::{LiveScenario, Motion, MotionError, Scene, SceneError, TrackingErrors, TruePath, scene};
+use super::{LiveScenario, Motion, MotionError, Scene, SceneError, SensorEffects, TrackingErrors, TruePath, scene};
 use a121::{ConfigError, Frame, SensorConfig, Subsweep, frame_timing, rcs_dbsm_for_snr};
 use radar_sar::Beam;
 use radar_sar::PoseSample;
@@ -40,6 +41,8 @@ pub struct Scenario {
     pub head_from_sensor: Pose,
     /// Errors of the tracking.
     pub errors: TrackingErrors,
+    /// Imperfections of the sensor.
+    pub effects: SensorEffects,
     /// Power SNR of the strongest scatterer on the axis at 1 m, dB; `None`: by the radar equation.
     pub snr_db: Option<f64>,
     /// Time offset of the recording, seconds: time of a sweep's pose minus time of the sweep.
@@ -73,6 +76,9 @@ pub enum ScenarioError {
     /// Invalid point to look at.
     #[error("a sensor cannot be turned to {0}: give a finite point other than its own position")]
     LookAt(DVec3),
+    /// A strength of an effect out of range.
+    #[error("sensor effects {0:?} cannot be simulated: give strengths from 0 to 100")]
+    Effects(SensorEffects),
     /// Rate of dropouts out of range.
     #[error("{0} dropouts a minute cannot be simulated: give 0 to 6000")]
     Dropouts(f64),
@@ -102,6 +108,7 @@ impl Scenario {
             beam: Beam::Lensless,
             head_from_sensor: default_mount(),
             errors: TrackingErrors::default(),
+            effects: SensorEffects::NONE,
             snr_db: None,
             time_offset_s: 0.0,
             look_at_m: None,
@@ -165,6 +172,9 @@ impl Scenario {
         if !(-10.0..=10.0).contains(&self.time_offset_s) {
             return Err(ScenarioError::TimeOffset(self.time_offset_s));
         }
+        if !self.effects.is_valid() {
+            return Err(ScenarioError::Effects(self.effects));
+        }
         if !(0.0..=6000.0).contains(&self.errors.dropouts_per_minute) {
             return Err(ScenarioError::Dropouts(self.errors.dropouts_per_minute));
         }
@@ -182,6 +192,7 @@ impl Scenario {
 
     fn frames(&self, prepared: &PreparedScenario) -> Vec<Frame> {
         let timing = frame_timing(&self.config);
+        let sensor = prepared.sensor_model(&self.config);
         let count = ((self.duration_s - timing.frame_s) / timing.frame_period_s).floor().max(0.0) as usize + 1;
         (0..count)
             .into_par_iter()
@@ -189,12 +200,13 @@ impl Scenario {
                 let start_s = index as f64 * timing.frame_period_s;
                 let mut samples = Vec::with_capacity(self.config.points_per_frame());
                 let sensor_at = |t: f64| prepared.sensor_at(t);
-                let data_saturated = prepared.frame(&self.config, index as u64, start_s, sensor_at, &mut samples);
+                let data_saturated =
+                    prepared.frame(&self.config, &sensor, (index as u64, start_s), sensor_at, &mut samples);
                 let end_s = start_s + timing.frame_s;
                 Frame {
                     tick: (end_s * 1e6).round() as i64,
                     host_time_ns: host_ns(end_s - self.time_offset_s),
-                    temperature_c: 30,
+                    temperature_c: sensor.temperature_c(start_s).round() as i16,
                     data_saturated,
                     frame_delayed: false,
                     calibration_needed: false,
@@ -223,22 +235,22 @@ impl PreparedScenario {
         self.head_at(time_s) * self.true_mount
     }
 
-    /// Appends the samples of a frame whose measurement starts at `start_s`; returns whether a
-    /// sample saturated.
+    /// The scenario's sensor with a configuration.
+    pub fn sensor_model(&self, config: &SensorConfig) -> SensorModel {
+        SensorModel::new(config, self.scenario.effects, self.scenario.seed)
+    }
+
+    /// Appends the samples of the frame of a number whose measurement starts at `start_s`; returns
+    /// whether a sample saturated.
     pub fn frame(
         &self,
         config: &SensorConfig,
-        number: u64,
-        start_s: f64,
+        sensor: &SensorModel,
+        (number, start_s): (u64, f64),
         sensor_at: impl Fn(f64) -> Pose,
         samples: &mut Vec<Complex<i16>>,
     ) -> bool {
-        let sampler = Sampler {
-            config,
-            beam: &self.scenario.beam,
-            seed: self.scenario.seed,
-            rcs_offset_db: self.rcs_offset_db(config),
-        };
+        let sampler = Sampler { config, beam: &self.scenario.beam, sensor, rcs_offset_db: self.rcs_offset_db(config) };
         let surroundings = |_: f64, _: f64| Surroundings { room: &self.scene.room, moving: Vec::new() };
         sampler.frame(number, start_s, sensor_at, surroundings, samples)
     }

@@ -15,6 +15,7 @@ use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
 use radar_chaperone::settings::Settings;
+use radar_simulation::{Headset, SensorEffects};
 
 /// Simulates play sessions in furnished rooms and scores the warnings
 #[derive(Debug, Args)]
@@ -47,6 +48,13 @@ pub struct PlaySessions {
     /// Added to the reflection of the walls, dB
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     walls_db: f64,
+    /// How well the headset is tracked
+    #[arg(long, default_value = "nominal", value_parser = clap::builder::PossibleValuesParser::new(Headset::NAMES))]
+    headset: String,
+    /// Imperfections of the sensor: none, measured, or a list of jitter, leakage, ringing,
+    /// range_bias, warm_up, interference, profile_noise, each with =STRENGTH if it is not 1
+    #[arg(long, default_value = "none")]
+    effects: SensorEffects,
     /// Plays the same at each of these values of rooms.tracks.confirm_log_odds: the curve of detections
     /// against false reports
     #[arg(long, value_name = "ODDS", value_delimiter = ',', allow_hyphen_values = true)]
@@ -94,7 +102,10 @@ impl PlaySessions {
         let seeds: Vec<u64> = (0..rooms).map(|n| self.seed.wrapping_add(n)).collect();
         let name = odds.map_or(preset.into(), |odds| format!("{preset}, odds {odds}"));
         let bar = progress::bar(rooms, &format!("playing with {name}"));
+        let errors = Headset::from_name(&self.headset)?.errors();
         let adapt = |trial: &mut PlayTrial| {
+            trial.session.errors = errors;
+            trial.session.effects = self.effects;
             trial.session.walls_db = self.walls_db;
             trial.controllers = self.controllers;
         };
@@ -119,6 +130,7 @@ impl PlaySessions {
         if let Some(path) = &self.json {
             let rows = played.iter().map(|PlayOutcome { preset, odds, figures, .. }| {
                 json!({"preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "walls_db": self.walls_db,
+                    "headset": self.headset, "effects": self.effects,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})
             });

@@ -23,10 +23,11 @@ use rayon::prelude::*;
 use super::receiver::MovingScatterer;
 use super::sampler::{Sampler, Surroundings};
 use super::scenario::{default_mount, host_ns};
+use super::sensor::SensorModel;
 use super::tracker::Tracker;
 use super::truth_builder::TruthBuilder;
 use super::truth_builder::{IN_BEAM_AMPLITUDE, IN_BEAM_M};
-use super::{Room, Scatterer, SceneObject, Simulated, TrackingErrors, WallPanel};
+use super::{Room, Scatterer, SceneObject, SensorEffects, Simulated, TrackingErrors, WallPanel};
 use a121::{ConfigError, Frame, SensorConfig, frame_timing};
 use radar_sar::Beam;
 use radar_sar::PoseSample;
@@ -52,6 +53,8 @@ pub struct PlaySession {
     pub head_from_sensor: Pose,
     /// Errors of the tracking.
     pub errors: TrackingErrors,
+    /// Imperfections of the sensor.
+    pub effects: SensorEffects,
     /// Whether the session has the player's hands.
     pub hands: bool,
     /// Whether the hands return no echoes; detections at their positions are then coincidental.
@@ -70,6 +73,9 @@ pub enum SessionError {
     /// The configuration breaks a rule of the sensor.
     #[error("sensor configuration: {0}")]
     Config(#[from] ConfigError),
+    /// A strength of an effect out of range.
+    #[error("sensor effects {0:?} cannot be simulated: give strengths from 0 to 100")]
+    Effects(SensorEffects),
     /// Duration out of range.
     #[error("a session of {0} s cannot be simulated: give 1 to 3600 s")]
     Duration(f64),
@@ -90,6 +96,7 @@ impl PlaySession {
             beam: Beam::Lensless,
             head_from_sensor: default_mount(),
             errors: TrackingErrors::default(),
+            effects: SensorEffects::NONE,
             hands: true,
             hands_without_echo: false,
             visitor: true,
@@ -106,6 +113,9 @@ impl PlaySession {
         self.config.validate()?;
         if !(1.0..=3600.0).contains(&self.duration_s) {
             return Err(SessionError::Duration(self.duration_s));
+        }
+        if !self.effects.is_valid() {
+            return Err(SessionError::Effects(self.effects));
         }
         let rng = |salt: u64| ChaCha8Rng::seed_from_u64(self.seed ^ salt);
         let mut room = play_room(&mut rng(0x0F00_0001));
@@ -125,6 +135,7 @@ impl PlaySession {
             tracking_from_room,
             removed_s: 0.5 * self.duration_s,
             true_mount: self.errors.true_mount(&self.head_from_sensor, self.seed),
+            sensor: SensorModel::new(&self.config, self.effects, self.seed),
             play: self.clone(),
             before: room,
             after,
@@ -189,6 +200,7 @@ pub struct Session {
     removed: Option<usize>,
     removed_s: f64,
     true_mount: Pose,
+    sensor: SensorModel,
     player: Player,
     hands: Option<Hands>,
     visitor: Option<Visitor>,
@@ -253,8 +265,8 @@ impl Session {
 
     /// Frames by number, computed in parallel; the result does not depend on the number of threads.
     pub fn frames(&self, numbers: std::ops::Range<u64>) -> Vec<Frame> {
-        let PlaySession { config, beam, seed, .. } = &self.play;
-        let sampler = Sampler { config, beam, seed: *seed, rcs_offset_db: 0.0 };
+        let PlaySession { config, beam, .. } = &self.play;
+        let sampler = Sampler { config, beam, sensor: &self.sensor, rcs_offset_db: 0.0 };
         let timing = frame_timing(config);
         let frame = |number: u64| {
             let start_s = number as f64 * timing.frame_period_s;
@@ -265,7 +277,7 @@ impl Session {
             Frame {
                 tick: (end_s * 1e6).round() as i64,
                 host_time_ns: host_ns(end_s),
-                temperature_c: 30,
+                temperature_c: self.sensor.temperature_c(start_s).round() as i16,
                 data_saturated,
                 frame_delayed: false,
                 calibration_needed: false,
@@ -317,8 +329,7 @@ impl Session {
         let count = ((self.play.duration_s + 2.0 * MARGIN_S) * rate_hz).floor() as u64 + 1;
         (0..count).map(move |n| {
             let time_s = n as f64 / rate_hz - MARGIN_S;
-            let (measured, valid) = tracker.measure(time_s, &self.head_at(time_s));
-            PoseSample { valid, ..PoseSample::valid(host_ns(time_s), &measured) }
+            tracker.measure(time_s, &self.head_at(time_s)).sample(host_ns)
         })
     }
 }

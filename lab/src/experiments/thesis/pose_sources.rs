@@ -52,7 +52,7 @@ fn sources() -> [PoseSource; 3] {
         wander_m: 0.1e-3,
         mount_m: 0.5e-3,
         rotation_deg: 0.01,
-        dropouts_per_minute: 0.0,
+        ..TrackingErrors::none()
     };
     let known = PositionErrors {
         wander_m: 0.1e-3,

@@ -1,0 +1,12 @@
+//! The sensor behind the antenna: what happens to the echoes until they are samples. Jitter, leakage
+//! from transmitter to receiver, ringing of the mounting, bias of the range, drift with temperature,
+//! interference, noise, the converter.
+
+mod background;
+mod effects;
+mod gain;
+mod jitter;
+mod model;
+
+pub use effects::{EffectsError, SensorEffects};
+pub(crate) use model::SensorModel;
