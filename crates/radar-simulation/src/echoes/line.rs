@@ -11,7 +11,6 @@ use crate::smooth::smoothstep;
 use crate::world::{Edge, InnerEdge, Tube};
 
 use super::REFLECTION_PHASE_RAD;
-use super::face::Face;
 use super::fresnel::{fresnel_radius_m, interval_share};
 
 /// Angle over which an edge's echo ends where a neighbouring face's specular echo begins, rad. Choice: a
@@ -166,13 +165,6 @@ impl Line {
             range_m: 0.5 * (d1_m + d2_m) - radius_m,
             spread: (2.0 * PI * radius_m / (d1_m * d2_m * (d1_m + d2_m))).sqrt() * self.reflection * share,
         })
-    }
-
-    /// The line's mirror image.
-    pub fn mirrored(&self, mirror: &Face) -> Self {
-        let turned = |vector: DVec3| vector - 2.0 * vector.dot(mirror.normal) * mirror.normal;
-        let sector = self.sector.map(|sector| Sector { middle: turned(sector.middle), ..sector });
-        Self { middle_m: mirror.image(self.middle_m), axis: turned(self.axis), sector, ..*self }
     }
 
     /// The line longer by `slack_m` at both ends and wider open by `slack_rad`: what it reflects includes all that the

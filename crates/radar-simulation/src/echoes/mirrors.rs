@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use super::bodies::{MovingBodies, MovingLimb};
-use super::face::Face;
+use super::face::{Crossing, Face};
 use super::view::View;
 use super::visibility::{LineLink, PointLink};
 use super::{EchoScene, REFLECTION_PHASE_RAD};
@@ -23,16 +23,19 @@ struct Mirrored {
 }
 
 impl EchoScene {
-    /// Field transmission of the leg from the sensor by a mirror to a point in front of it, without the mirror's
-    /// reflection; `None` where there is no such path.
-    pub(super) fn by_mirror(&self, mirror: &Face, sensor_m: DVec3, point_m: DVec3) -> Option<f64> {
+    /// The leg from the sensor by a mirror to a point in front of it: where it meets the mirror, and its field
+    /// transmission without the mirror's reflection and share; `None` where there is no such path.
+    pub(super) fn by_mirror(&self, mirror: &Face, sensor_m: DVec3, point_m: DVec3) -> Option<(Crossing, f64)> {
         if mirror.distance_m(point_m) <= 1e-6 {
             return None;
         }
         let crossing = mirror.crossing(sensor_m, mirror.image(point_m))?;
-        let transmission = self.occluders.transmission(sensor_m, crossing.point_m)
-            * self.occluders.transmission(crossing.point_m, point_m);
-        (transmission > 0.0).then_some(transmission)
+        let near = self.occluders.transmission(crossing.point_m, point_m);
+        if near == 0.0 {
+            return None;
+        }
+        let transmission = near * self.occluders.transmission(sensor_m, crossing.point_m);
+        (transmission > 0.0).then_some((crossing, transmission))
     }
 }
 
@@ -83,44 +86,40 @@ impl View<'_> {
     pub(super) fn add_line_link(&mut self, scene: &EchoScene, link: &LineLink) {
         let (line, mirror) = (&scene.lines[link.line], &scene.mirrors[link.mirror]);
         let images = self.sensor_m.map(|sensor_m| mirror.image(sensor_m));
-        if let Some(echo) = line.bistatic(self.sensor_m[1], images[1]) {
+        if let Some(echo) = line.bistatic(self.sensor_m[1], images[1]).filter(|echo| echo.range_m <= self.max_range_m) {
             let image_m = mirror.image(echo.point_m);
-            let most = 2.0 * echo.spread * mirror.reflection;
-            if most >= self.min_amplitude && echo.range_m <= self.max_range_m {
-                let leg = self.leg_by_mirror(scene, mirror, echo.point_m, image_m);
+            let beam = self.beam.between(self.cos_to(echo.point_m), self.cos_to(image_m));
+            let most = 2.0 * echo.spread * mirror.reflection * beam;
+            if most >= self.min_amplitude {
+                let leg = self.leg_by_mirror(scene, mirror, echo.point_m);
                 let direct = if leg > 0.0 { self.transmission(scene, echo.point_m) } else { 0.0 };
-                let beam = self.beam.between(self.cos_to(echo.point_m), self.cos_to(image_m));
                 let range_m =
                     [0, 2].map(|n| line.bistatic(self.sensor_m[n], images[n]).map_or(echo.range_m, |e| e.range_m));
                 // Both reflections of the path: by the line and by the mirror.
-                self.add(
-                    [range_m[0], echo.range_m, range_m[1]],
-                    most * leg * direct * beam,
-                    2.0 * REFLECTION_PHASE_RAD,
-                );
+                self.add([range_m[0], echo.range_m, range_m[1]], most * leg * direct, 2.0 * REFLECTION_PHASE_RAD);
             }
         }
-        if let Some(echo) = link.image.echo(self.sensor_m[1]) {
-            let most = echo.spread * mirror.reflection * mirror.reflection;
-            if most >= self.min_amplitude && echo.range_m <= self.max_range_m {
-                let leg = self.leg_by_mirror(scene, mirror, mirror.image(echo.point_m), echo.point_m);
-                let range_m = self.sensor_m.map(|sensor_m| link.image.range_m(sensor_m));
-                let beam = self.beam.two_way(self.cos_to(echo.point_m));
-                self.add(range_m, most * leg * leg * beam, 3.0 * REFLECTION_PHASE_RAD);
+        // The image's echo to the sensor is the line's to the sensor's image.
+        if let Some(echo) = line.echo(images[1]).filter(|echo| echo.range_m <= self.max_range_m) {
+            let beam = self.beam.two_way(self.cos_to(mirror.image(echo.point_m)));
+            let most = echo.spread * mirror.reflection * mirror.reflection * beam;
+            if most >= self.min_amplitude {
+                let leg = self.leg_by_mirror(scene, mirror, echo.point_m);
+                let range_m = images.map(|image_m| line.range_m(image_m));
+                self.add(range_m, most * leg * leg, 3.0 * REFLECTION_PHASE_RAD);
             }
         }
     }
 
     /// Field transmission of the leg by a mirror, the mirror's share included.
-    fn leg_by_mirror(&self, scene: &EchoScene, mirror: &Face, point_m: DVec3, image_m: DVec3) -> f64 {
+    fn leg_by_mirror(&self, scene: &EchoScene, mirror: &Face, point_m: DVec3) -> f64 {
         // Where the line meets the mirror, as a leg of a chair the floor, the leg by the mirror is the direct one.
         if mirror.distance_m(point_m) < AT_MIRROR_M {
             let share = mirror.share(point_m, AT_MIRROR_M);
             return if share > 0.0 { share * self.transmission(scene, point_m) } else { 0.0 };
         }
-        let Some(crossing) = mirror.crossing(self.sensor_m[1], image_m) else { return 0.0 };
-        let transmission = scene.by_mirror(mirror, self.sensor_m[1], point_m).unwrap_or(0.0);
-        transmission * crossing.share * self.past_bodies(crossing.point_m)
+        let leg = scene.by_mirror(mirror, self.sensor_m[1], point_m);
+        leg.map_or(0.0, |(crossing, passes)| passes * crossing.share * self.past_bodies(crossing.point_m))
     }
 
     /// Bodies in the mirrors: also the wearer's own.
@@ -155,8 +154,7 @@ impl View<'_> {
         if by_most.max(one_way * mirror.reflection * beam.sqrt() / by_mirror_m) < self.min_amplitude {
             return;
         }
-        let Some(leg) = scene.by_mirror(mirror, self.sensor_m[1], middle_m) else { return };
-        let Some(crossing) = mirror.crossing(self.sensor_m[1], image_m) else { return };
+        let Some((crossing, leg)) = scene.by_mirror(mirror, self.sensor_m[1], middle_m) else { return };
         let image_of_sensor = mirror.image(self.sensor_m[1]);
         for point in &moving.points[limb.points.clone()] {
             let lobe = |seen_from: DVec3| point.normal.dot((seen_from - point.at_m[1]).normalize_or_zero()).max(0.0);

@@ -30,7 +30,7 @@ use rand_chacha::ChaCha8Rng;
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
 
-use crate::world::{InnerEdge, Parts};
+use crate::world::{InnerEdge, Panel, Parts};
 
 pub(crate) use bodies::{BodyShape, Limb, MovingBodies, Posture};
 pub(crate) use postures::{Walk, cat_shape, person_shape, walking_cat, walking_person, wearer, wearer_shape};
@@ -53,6 +53,8 @@ const MIN_MIRROR_M: f64 = 0.35;
 const MIN_MIRROR_REFLECTIVITY: f64 = 0.15;
 /// A panel of the shell mirrors if both sides are at least this long, metres. Choice: a piece of wall beside a door does.
 const MIN_SHELL_MIRROR_M: f64 = 0.2;
+/// Doors and windows stand at most this far behind the wall around them, metres. Choice: above every reveal.
+const MAX_REVEAL_M: f64 = 0.2;
 /// A panel narrower than this, metres, casts no shadow. Choice: less than the Fresnel zone, it intercepts little.
 const MIN_SHADOW_M: f64 = 0.06;
 
@@ -104,11 +106,14 @@ impl EchoScene {
     ) -> Self {
         let mut scene = Self::default();
         scene.add(shell, u64::MAX, floor_reflectivity, sampling.shell_spacing_m, sampling.seed);
+        scene.occluders.add(shell.panels.iter().filter(|p| stands_free(p, shell)).filter_map(Occluder::of));
         let wide = |face: &&Face| 2.0 * face.half_m[0].min(face.half_m[1]) >= MIN_SHELL_MIRROR_M;
         scene.mirrors = scene.faces.iter().filter(wide).copied().collect();
         (scene.shell_lines, scene.shell_points) = (scene.lines.len(), scene.cloud.points.len());
         for (number, parts) in objects {
             scene.add(parts, number, floor_reflectivity, sampling.spacing_m, sampling.seed);
+            let wide = |panel: &&Panel| panel.half_u_m.length().min(panel.half_v_m.length()) >= 0.5 * MIN_SHADOW_M;
+            scene.occluders.add(parts.panels.iter().filter(wide).filter_map(Occluder::of));
             let large = parts.panels.iter().filter(|panel| {
                 panel.half_u_m.length().min(panel.half_v_m.length()) >= 0.5 * MIN_MIRROR_M
                     && panel.material.specular() >= MIN_MIRROR_REFLECTIVITY
@@ -124,9 +129,6 @@ impl EchoScene {
         for panel in &parts.panels {
             self.faces.extend(Face::of(panel));
             self.cloud.add_surface(panel, spacing_m, &mut rng);
-            if panel.half_u_m.length().min(panel.half_v_m.length()) >= 0.5 * MIN_SHADOW_M {
-                self.occluders.0.extend(Occluder::of(panel));
-            }
         }
         self.cloud.add_fittings(&parts.corners, &mut rng);
         self.lines.extend(parts.edges.iter().map(Line::of_edge));
@@ -182,4 +184,12 @@ impl EchoScene {
     pub fn counts(&self) -> [usize; 4] {
         [self.faces.len(), self.lines.len(), self.cloud.points.len(), self.mirrors.len()]
     }
+}
+
+/// Whether the room continues behind a panel of its shell, as behind a pillar or where a wing begins. Other walls hide
+/// nothing.
+fn stands_free(panel: &Panel, shell: &Parts) -> bool {
+    let normal = panel.normal();
+    let behind = |point: glam::DVec3| normal.dot(point - panel.center_m) < -MAX_REVEAL_M;
+    shell.panels.iter().any(|other| other.corners_m().into_iter().any(behind))
 }

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use radar_sar::geometry::Aabb;
+
 use crate::world::Panel;
 
 use super::face::Face;
@@ -10,6 +12,8 @@ use super::fresnel::{fresnel_radius_m, interval_share};
 /// A surface nearer to an end of the path than this, metres, does not shadow it: the end is on the surface,
 /// or belongs to it. Choice: above rounding, below the thickness of boards.
 const OWN_SURFACE_M: f64 = 4e-3;
+/// Largest Fresnel radius of a path, metres: 8 m long, crossed in the middle. Physics.
+const MAX_FRESNEL_M: f64 = 0.1;
 /// Field transmission below which a path counts as blocked: −60 dB. Choice: weaker than any path that is
 /// kept.
 const BLOCKED: f64 = 1e-3;
@@ -46,23 +50,55 @@ impl Occluder {
         if a * b > 0.0 && b.abs() > radius_m {
             return false;
         }
-        distance_to_segment_m(self.face.center_m, from_m, center_m).0 < self.radius_m + radius_m + 0.1
+        distance_to_segment_m(self.face.center_m, from_m, center_m) < self.radius_m + radius_m + MAX_FRESNEL_M
     }
 }
 
-/// Surfaces that shadow.
+/// The surfaces of one object, passed over together by paths that miss the ball around them.
+#[derive(Debug, Clone, PartialEq)]
+struct Group {
+    center_m: DVec3,
+    radius_m: f64,
+    members: std::ops::Range<usize>,
+}
+
+/// Surfaces that shadow, by object.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Occluders(pub Vec<Occluder>);
+pub(super) struct Occluders {
+    all: Vec<Occluder>,
+    groups: Vec<Group>,
+}
 
 impl Occluders {
+    /// Adds the surfaces of an object.
+    pub fn add(&mut self, occluders: impl Iterator<Item = Occluder>) {
+        let first = self.all.len();
+        self.all.extend(occluders);
+        let members = &self.all[first..];
+        let corners =
+            members.iter().flat_map(|o| [-1.0, 1.0].map(|side| o.face.center_m + DVec3::splat(side * o.radius_m)));
+        let Some(center_m) = Aabb::around(corners).map(|around| around.center()) else { return };
+        let reach = |o: &Occluder| o.face.center_m.distance(center_m) + o.radius_m;
+        // Beyond a border a surface still shadows within a Fresnel radius.
+        let radius_m = members.iter().map(reach).fold(0.0, f64::max) + MAX_FRESNEL_M;
+        self.groups.push(Group { center_m, radius_m, members: first..self.all.len() });
+    }
+
+    fn near(&self, from_m: DVec3, to_m: DVec3, radius_m: f64) -> impl Iterator<Item = &Occluder> {
+        let near =
+            move |group: &&Group| distance_to_segment_m(group.center_m, from_m, to_m) < group.radius_m + radius_m;
+        self.groups.iter().filter(near).flat_map(|group| &self.all[group.members.clone()])
+    }
+
     /// Field transmission along a path.
     pub fn transmission(&self, from_m: DVec3, to_m: DVec3) -> f64 {
-        transmission_past(self.0.iter(), from_m, to_m)
+        transmission_past(self.near(from_m, to_m, 0.0), from_m, to_m)
     }
 
     /// Those that may shadow a path from a point to anywhere in a ball.
     pub fn towards(&self, from_m: DVec3, center_m: DVec3, radius_m: f64) -> Vec<Occluder> {
-        self.0.iter().filter(|occluder| occluder.may_shadow(from_m, center_m, radius_m)).copied().collect()
+        let near = self.near(from_m, center_m, radius_m);
+        near.filter(|occluder| occluder.may_shadow(from_m, center_m, radius_m)).copied().collect()
     }
 }
 
@@ -90,11 +126,11 @@ pub(super) fn past_capsule(from_m: DVec3, to_m: DVec3, ends_m: [DVec3; 2], radiu
     1.0 - interval_share(distance_m, radius_m, fresnel_radius_m(at * length_m, (1.0 - at) * length_m))
 }
 
-/// Smallest distance of a point from a segment, metres, and the share of the segment where it is.
-pub(super) fn distance_to_segment_m(point_m: DVec3, from_m: DVec3, to_m: DVec3) -> (f64, f64) {
+/// Smallest distance of a point from a segment, metres.
+fn distance_to_segment_m(point_m: DVec3, from_m: DVec3, to_m: DVec3) -> f64 {
     let way = to_m - from_m;
     let at = ((point_m - from_m).dot(way) / way.length_squared().max(1e-12)).clamp(0.0, 1.0);
-    (point_m.distance(from_m + way * at), at)
+    point_m.distance(from_m + way * at)
 }
 
 /// Smallest distance of two segments, metres, and where along the first one; by projection from the crossing of the
@@ -119,7 +155,9 @@ mod tests {
     fn screen(material: crate::world::Material) -> Occluders {
         let (half_u_m, half_v_m) = (DVec3::X * 0.5, DVec3::Y * 0.5);
         let panel = Panel { center_m: DVec3::NEG_Z, half_u_m, half_v_m, material, two_sided: true };
-        Occluders(Occluder::of(&panel).into_iter().collect())
+        let mut occluders = Occluders::default();
+        occluders.add(Occluder::of(&panel).into_iter());
+        occluders
     }
 
     #[test]

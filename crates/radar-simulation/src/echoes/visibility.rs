@@ -8,7 +8,7 @@ use radar_sar::geometry::Pose;
 
 use super::EchoScene;
 use super::beam_table::BeamTable;
-use super::line::Line;
+use super::line::{Line, LineEcho};
 use super::points::Cluster;
 use super::shadow::transmission_past;
 
@@ -54,7 +54,6 @@ pub(super) struct PointLink {
 pub(super) struct LineLink {
     pub line: usize,
     pub mirror: usize,
-    pub image: Line,
 }
 
 /// Bounds of the search, in one sensor position.
@@ -75,6 +74,13 @@ impl Visibility {
         let point_links = searcher.point_links(&clusters);
         let line_links = searcher.line_links();
         Self { beam: searcher.beam, min_amplitude, max_range_m, clusters, point_links, line_links }
+    }
+}
+
+impl Visibility {
+    /// Numbers of points and lines seen by mirrors.
+    pub fn link_counts(&self) -> [usize; 2] {
+        [self.point_links.len(), self.line_links.len()]
     }
 }
 
@@ -168,7 +174,7 @@ impl Searcher<'_> {
                 if most < self.min_amplitude || 0.5 * (direct_m + by_mirror_m) > self.max_range_m {
                     continue;
                 }
-                if let Some(by_mirror) = self.scene.by_mirror(face, self.sensor_m, point.position_m) {
+                if let Some((_, by_mirror)) = self.scene.by_mirror(face, self.sensor_m, point.position_m) {
                     links.push(PointLink { point: index, mirror, image_m, direct, by_mirror });
                 }
             }
@@ -177,27 +183,34 @@ impl Searcher<'_> {
     }
 
     fn line_links(&self) -> Vec<LineLink> {
+        // Lines within reach of the beam, wide enough for where the sensor will be.
+        let reach = self.scene.lines.iter().enumerate().skip(self.scene.shell_lines).filter_map(|(index, line)| {
+            let (beam, nearest_m) = self.beam_about(line.middle_m, line.half_m);
+            let seen = nearest_m <= self.max_range_m;
+            seen.then(|| (index, line.widened(SLACK_M, SLACK_RAD), beam.sqrt()))
+        });
+        let reach: Vec<(usize, Line, f64)> = reach.collect();
         let mut links = Vec::new();
         for (mirror, face) in self.scene.mirrors.iter().enumerate().filter(|(_, f)| f.distance_m(self.sensor_m) > 0.0) {
             let image_of_sensor = face.image(self.sensor_m);
-            for (line, source) in self.scene.lines.iter().enumerate().skip(self.scene.shell_lines) {
-                if face.distance_m(source.middle_m) <= 0.0 {
+            for (line, wide, beam) in &reach {
+                if face.distance_m(wide.middle_m) <= 0.0 {
                     continue;
                 }
-                let (wide, image) = (source.widened(SLACK_M, SLACK_RAD), source.mirrored(face));
-                let wide_image = wide.mirrored(face);
-                let by =
-                    wide.bistatic(self.sensor_m, image_of_sensor).map_or(0.0, |echo| self.strength(&echo, 2.0, face));
-                let back = wide_image.echo(self.sensor_m).map_or(0.0, |echo| self.strength(&echo, 1.0, face));
-                if by.max(back) >= self.min_amplitude {
-                    links.push(LineLink { line, mirror, image });
+                let image_beam = self.beam_about(face.image(wide.middle_m), wide.half_m).0.sqrt();
+                let by = wide.bistatic(self.sensor_m, image_of_sensor);
+                let by = by.map_or(0.0, |echo| 2.0 * self.strength(&echo) * beam * image_beam);
+                let back = wide.echo(image_of_sensor);
+                let back = back.map_or(0.0, |echo| self.strength(&echo) * face.reflection * image_beam * image_beam);
+                if by.max(back) * face.reflection >= self.min_amplitude {
+                    links.push(LineLink { line: *line, mirror });
                 }
             }
         }
         links
     }
 
-    fn strength(&self, echo: &super::line::LineEcho, paths: f64, face: &super::face::Face) -> f64 {
-        if echo.range_m > self.max_range_m + SLACK_M { 0.0 } else { paths * echo.spread * face.reflection }
+    fn strength(&self, echo: &LineEcho) -> f64 {
+        if echo.range_m > self.max_range_m + SLACK_M { 0.0 } else { echo.spread }
     }
 }
