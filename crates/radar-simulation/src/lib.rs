@@ -34,6 +34,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod arm;
+mod echoes;
 mod furniture;
 mod headset;
 mod live;
@@ -50,6 +51,7 @@ mod strokes;
 mod tracker;
 mod true_path;
 mod truth_builder;
+mod world;
 
 pub use arm::{ARM_M, ARM_REST_S};
 pub use headset::{Headset, HeadsetError};
