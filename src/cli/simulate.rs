@@ -16,7 +16,9 @@ use radar_mapping::in_time_order;
 use radar_recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
-use radar_simulation::{Headset, MOTIONS, PlaySession, SCENES, Scenario, SensorEffects, Simulated, TrackingErrors};
+use radar_simulation::{
+    Headset, MOTIONS, PlaySession, PlayWorld, SCENES, Scenario, SensorEffects, Simulated, TrackingErrors,
+};
 
 /// The room of the play sessions.
 const PLAY_ROOM: &str = "play-room";
@@ -61,6 +63,10 @@ pub(super) struct Simulate {
     /// Time of a sweep's pose minus time of the sweep, as written, seconds; default: 0
     #[arg(long, allow_hyphen_values = true)]
     time_offset_s: Option<f64>,
+    /// Kind of the play-room: points (scatterers and smooth walls), or with surfaces, multipath and
+    /// shadows: office, dining, living; default: points
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(PlayWorld::NAMES))]
+    world: Option<String>,
     /// How well the headset is tracked
     #[arg(long, default_value = "nominal", value_parser = clap::builder::PossibleValuesParser::new(Headset::NAMES))]
     headset: String,
@@ -127,6 +133,9 @@ impl Simulate {
     }
 
     fn scenario(&self) -> Result<Scenario> {
+        if self.world.is_some() {
+            bail!("--world is for {PLAY_ROOM}: the other rooms are of points");
+        }
         let (motion, duration_s) = (self.motion.as_deref().unwrap_or("natural"), self.duration_s.unwrap_or(10.0));
         let mut scenario = Scenario::new(&self.room, motion, self.sensor_config()?, duration_s, self.seed);
         scenario.beam = Beam::from_name(&self.beam)?;
@@ -157,6 +166,7 @@ impl Simulate {
         }
         session.errors = self.errors()?;
         session.effects = self.effects;
+        session.world = self.world.as_deref().map_or(Ok(PlayWorld::Points), PlayWorld::from_name)?;
         // Aligns the room with the axes, so that the walls in the truth are axis-aligned.
         session.axis_aligned = true;
         Ok(session)

@@ -61,7 +61,7 @@ pub use room::{Room, Scatterer, SceneObject, WallPanel};
 pub use scenario::{Scenario, ScenarioError, Simulated};
 pub use scenes::{SCENES, Scene, SceneError, scene};
 pub use sensor::{EffectsError, SensorEffects};
-pub use session::{PlaySession, Session, SessionError, SessionObject, SessionWall};
+pub use session::{PlaySession, PlayWorld, PlayWorldError, Session, SessionError, SessionObject, SessionWall};
 pub use strokes::{ChairWalk, ToAndFro};
 pub use tracker::{TrackingErrors, normal_vector};
 pub use true_path::TruePath;

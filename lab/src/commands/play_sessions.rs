@@ -15,7 +15,7 @@ use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
 use radar_chaperone::settings::Settings;
-use radar_simulation::{Headset, SensorEffects};
+use radar_simulation::{Headset, PlayWorld, SensorEffects};
 
 /// Simulates play sessions in furnished rooms and scores the warnings
 #[derive(Debug, Args)]
@@ -48,6 +48,10 @@ pub struct PlaySessions {
     /// Added to the reflection of the walls, dB
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     walls_db: f64,
+    /// Kind of room: points (scatterers and smooth walls), or with surfaces, multipath and shadows:
+    /// office, dining, living
+    #[arg(long, default_value = "points", value_parser = clap::builder::PossibleValuesParser::new(PlayWorld::NAMES))]
+    world: String,
     /// How well the headset is tracked
     #[arg(long, default_value = "nominal", value_parser = clap::builder::PossibleValuesParser::new(Headset::NAMES))]
     headset: String,
@@ -103,9 +107,11 @@ impl PlaySessions {
         let name = odds.map_or(preset.into(), |odds| format!("{preset}, odds {odds}"));
         let bar = progress::bar(rooms, &format!("playing with {name}"));
         let errors = Headset::from_name(&self.headset)?.errors();
+        let world = PlayWorld::from_name(&self.world)?;
         let adapt = |trial: &mut PlayTrial| {
             trial.session.errors = errors;
             trial.session.effects = self.effects;
+            trial.session.world = world;
             trial.session.walls_db = self.walls_db;
             trial.controllers = self.controllers;
         };
@@ -130,7 +136,7 @@ impl PlaySessions {
         if let Some(path) = &self.json {
             let rows = played.iter().map(|PlayOutcome { preset, odds, figures, .. }| {
                 json!({"preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "walls_db": self.walls_db,
-                    "headset": self.headset, "effects": self.effects,
+                    "headset": self.headset, "effects": self.effects, "world": self.world,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})
             });

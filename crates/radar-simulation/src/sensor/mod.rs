@@ -7,6 +7,8 @@ mod effects;
 mod gain;
 mod jitter;
 mod model;
+mod synthesis;
 
 pub use effects::{EffectsError, SensorEffects};
 pub(crate) use model::SensorModel;
+pub(crate) use synthesis::{SubsweepOfFrame, unit_amplitude_lsb};

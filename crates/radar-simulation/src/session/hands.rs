@@ -67,6 +67,11 @@ impl Hands {
         self.0.each_ref().map(|hand| torso.tracking_point(hand.shoulder() + hand.reach_m(time_s)))
     }
 
+    /// Horizontal direction of the chest.
+    pub fn facing_at(&self, player: &Player, time_s: f64) -> DVec3 {
+        Torso::at(player, time_s).turn * DVec3::NEG_Z
+    }
+
     /// Scatterers of both hands.
     pub fn scatterers_at(&self, player: &Player, time_s: f64) -> Vec<Scatterer> {
         let torso = Torso::at(player, time_s);

@@ -8,6 +8,9 @@
 //! Not simulated: multipath, shadowing (objects do not hide those behind them), timing drift.
 
 mod hands;
+mod outline;
+mod physical;
+mod play_world;
 mod player;
 mod rooms;
 mod visitor;
@@ -15,25 +18,30 @@ mod visitor;
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
-use num_complex::Complex;
+use num_complex::{Complex, Complex64};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use super::echoes::{EchoPath, Posture, walking_person, wearer};
 use super::receiver::MovingScatterer;
 use super::sampler::{Sampler, Surroundings};
 use super::scenario::{default_mount, host_ns};
-use super::sensor::SensorModel;
+use super::sensor::{SensorModel, SubsweepOfFrame, unit_amplitude_lsb};
 use super::tracker::Tracker;
 use super::truth_builder::TruthBuilder;
 use super::truth_builder::{IN_BEAM_AMPLITUDE, IN_BEAM_M};
+use super::world::World;
 use super::{Room, Scatterer, SceneObject, SensorEffects, Simulated, TrackingErrors, WallPanel};
-use a121::{ConfigError, Frame, SensorConfig, frame_timing};
+use a121::{ConfigError, Frame, SensorConfig, Subsweep, frame_timing, noise_rms_lsb};
 use radar_sar::Beam;
 use radar_sar::PoseSample;
 use radar_sar::geometry::{Plane, Pose};
 
 use hands::Hands;
+use outline::Outline;
+use physical::{PathLimits, PhysicalRoom, frames_per_visibility, truth_room};
+pub use play_world::{PlayWorld, PlayWorldError};
 use player::Player;
 use rooms::play_room;
 use visitor::Visitor;
@@ -61,7 +69,9 @@ pub struct PlaySession {
     pub hands_without_echo: bool,
     /// Whether a person crosses the room.
     pub visitor: bool,
-    /// Offset added to the walls' reflection, dB.
+    /// The kind of room.
+    pub world: PlayWorld,
+    /// Offset added to the walls' reflection in a room of points, dB.
     pub walls_db: f64,
     /// Whether the tracking frame is aligned with the walls and centred on the floor.
     pub axis_aligned: bool,
@@ -100,6 +110,7 @@ impl PlaySession {
             hands: true,
             hands_without_echo: false,
             visitor: true,
+            world: PlayWorld::Points,
             walls_db: 0.0,
             axis_aligned: false,
         }
@@ -118,12 +129,15 @@ impl PlaySession {
             return Err(SessionError::Effects(self.effects));
         }
         let rng = |salt: u64| ChaCha8Rng::seed_from_u64(self.seed ^ salt);
-        let mut room = play_room(&mut rng(0x0F00_0001));
-        room.walls.iter_mut().for_each(|wall| wall.reflection_db += self.walls_db);
+        let world = self.world.family().map(|family| World::new(family, self.seed));
+        let room = world.as_ref().map_or_else(|| self.point_room(&mut rng(0x0F00_0001)), truth_room);
+        let outline = world.as_ref().map_or_else(|| Outline::of_walls(&room), |world| Outline::Plan(&world.plan));
         let end_s = self.duration_s + MARGIN_S;
-        let player = Player::new(&room, end_s, &mut rng(0x0F00_0002));
+        let player = Player::new(&room, outline, end_s, &mut rng(0x0F00_0002));
         let hands = self.hands.then(|| Hands::new(end_s, &mut rng(0x0F00_0003)));
-        let visitor = self.visitor.then(|| Visitor::new(&room, &player, self.duration_s, &mut rng(0x0F00_0004)));
+        let half_m = outline.inner_half_m();
+        let visitor =
+            self.visitor.then(|| Visitor::new(&room, half_m, &player, self.duration_s, &mut rng(0x0F00_0004)));
         let removed = room.things.iter().position(|object| object.name == REMOVED_CHAIR);
         let mut after = room.clone();
         removed.map(|index| after.things.remove(index));
@@ -136,6 +150,7 @@ impl PlaySession {
             removed_s: 0.5 * self.duration_s,
             true_mount: self.errors.true_mount(&self.head_from_sensor, self.seed),
             sensor: SensorModel::new(&self.config, self.effects, self.seed),
+            physical: world.as_ref().map(|world| PhysicalRoom::new(world, self.seed)),
             play: self.clone(),
             before: room,
             after,
@@ -144,6 +159,14 @@ impl PlaySession {
             hands,
             visitor,
         })
+    }
+}
+
+impl PlaySession {
+    fn point_room(&self, rng: &mut ChaCha8Rng) -> Room {
+        let mut room = play_room(rng);
+        room.walls.iter_mut().for_each(|wall| wall.reflection_db += self.walls_db);
+        room
     }
 }
 
@@ -201,6 +224,8 @@ pub struct Session {
     removed_s: f64,
     true_mount: Pose,
     sensor: SensorModel,
+    /// What returns echoes in a physical world.
+    physical: Option<PhysicalRoom>,
     player: Player,
     hands: Option<Hands>,
     visitor: Option<Visitor>,
@@ -265,26 +290,119 @@ impl Session {
 
     /// Frames by number, computed in parallel; the result does not depend on the number of threads.
     pub fn frames(&self, numbers: std::ops::Range<u64>) -> Vec<Frame> {
+        match &self.physical {
+            Some(physical) => self.physical_frames(physical, numbers),
+            None => numbers.into_par_iter().map(|number| self.point_frame(number)).collect(),
+        }
+    }
+
+    /// A frame in a room of points.
+    fn point_frame(&self, number: u64) -> Frame {
         let PlaySession { config, beam, .. } = &self.play;
         let sampler = Sampler { config, beam, sensor: &self.sensor, rcs_offset_db: 0.0 };
+        let start_s = self.start_s(number);
+        let mut samples: Vec<Complex<i16>> = Vec::with_capacity(config.points_per_frame());
+        let surroundings = |first_s: f64, last_s: f64| self.surroundings(first_s, last_s);
+        let data_saturated = sampler.frame(number, start_s, |t| self.sensor_in_room(t), surroundings, &mut samples);
+        self.frame(start_s, data_saturated, samples)
+    }
+
+    /// Frames in a physical world. Neighbours share what is seen, by their numbers.
+    fn physical_frames(&self, physical: &PhysicalRoom, numbers: std::ops::Range<u64>) -> Vec<Frame> {
+        let timing = frame_timing(&self.play.config);
+        let group = frames_per_visibility(timing.frame_period_s);
+        let groups = numbers.start / group..numbers.end.div_ceil(group);
+        let frames = groups.into_par_iter().flat_map_iter(|n| {
+            let (first, beyond) = ((n * group).max(numbers.start), ((n + 1) * group).min(numbers.end));
+            let middle_s = (n as f64 + 0.5) * group as f64 * timing.frame_period_s;
+            let removed = middle_s >= self.removed_s;
+            let sensor = self.sensor_in_room(middle_s);
+            let seen = physical.visibility(removed, &sensor, &self.play.beam, self.path_limits());
+            let frame = |number: u64| {
+                let start_s = self.start_s(number);
+                let times_s = [0.0, 0.5, 1.0].map(|share| start_s + share * timing.frame_s);
+                let paths = physical.paths(
+                    removed,
+                    &seen,
+                    &times_s.map(|t| self.sensor_in_room(t)),
+                    self.wearer_postures(times_s).as_ref(),
+                    self.visitor_postures(times_s).as_ref(),
+                );
+                self.physical_frame(number, &paths)
+            };
+            (first..beyond).map(frame).collect::<Vec<_>>()
+        });
+        frames.collect()
+    }
+
+    fn physical_frame(&self, number: u64, paths: &[EchoPath]) -> Frame {
+        let PlaySession { config, beam, .. } = &self.play;
         let timing = frame_timing(config);
-        let frame = |number: u64| {
-            let start_s = number as f64 * timing.frame_period_s;
-            let mut samples: Vec<Complex<i16>> = Vec::with_capacity(config.points_per_frame());
-            let surroundings = |first_s: f64, last_s: f64| self.surroundings(first_s, last_s);
-            let data_saturated = sampler.frame(number, start_s, |t| self.sensor_in_room(t), surroundings, &mut samples);
-            let end_s = start_s + timing.frame_s;
-            Frame {
-                tick: (end_s * 1e6).round() as i64,
-                host_time_ns: host_ns(end_s),
-                temperature_c: self.sensor.temperature_c(start_s).round() as i16,
-                data_saturated,
-                frame_delayed: false,
-                calibration_needed: false,
-                samples,
+        let start_s = self.start_s(number);
+        let sums = config.subsweeps.iter().enumerate().map(|(index, subsweep)| {
+            let bias_m = self.sensor.range_bias_m(index);
+            let of_frame = SubsweepOfFrame {
+                unit_lsb: unit_amplitude_lsb(subsweep, beam),
+                ..SubsweepOfFrame::new(subsweep, index, config.sweeps_per_frame, &timing, bias_m)
+            };
+            of_frame.sum(if self.sensor.hears_echoes(index) { paths } else { &[] })
+        });
+        let mut sums: Vec<Vec<Vec<Complex64>>> = sums.collect();
+        let mut state = self.sensor.frame(number, start_s);
+        let mut samples = Vec::with_capacity(config.points_per_frame());
+        let mut data_saturated = false;
+        for sweep in 0..config.sweeps_per_frame as usize {
+            for (index, sums) in sums.iter_mut().enumerate() {
+                let time_s = start_s + sweep as f64 * timing.sweep_period_s + timing.subsweeps[index].0;
+                data_saturated |= state.convert(index, time_s, std::mem::take(&mut sums[sweep]), &mut samples);
             }
-        };
-        numbers.into_par_iter().map(frame).collect()
+        }
+        self.frame(start_s, data_saturated, samples)
+    }
+
+    fn start_s(&self, number: u64) -> f64 {
+        number as f64 * frame_timing(&self.play.config).frame_period_s
+    }
+
+    fn frame(&self, start_s: f64, data_saturated: bool, samples: Vec<Complex<i16>>) -> Frame {
+        let end_s = start_s + frame_timing(&self.play.config).frame_s;
+        Frame {
+            tick: (end_s * 1e6).round() as i64,
+            host_time_ns: host_ns(end_s),
+            temperature_c: self.sensor.temperature_c(start_s).round() as i16,
+            data_saturated,
+            frame_delayed: false,
+            calibration_needed: false,
+            samples,
+        }
+    }
+
+    /// Paths below a hundredth of the noise, or beyond the last point by the pulse's length, are left
+    /// out.
+    fn path_limits(&self) -> PathLimits {
+        let PlaySession { config, beam, .. } = &self.play;
+        let weakest = |subsweep: &Subsweep| 0.01 * noise_rms_lsb(subsweep) / unit_amplitude_lsb(subsweep, beam);
+        let farthest_m = |subsweep: &Subsweep| subsweep.last_m() + 1.6 * subsweep.profile.envelope_fwhm_m() + 0.05;
+        PathLimits {
+            min_amplitude: config.subsweeps.iter().map(weakest).fold(f64::INFINITY, f64::min),
+            max_range_m: config.subsweeps.iter().map(farthest_m).fold(0.0, f64::max),
+        }
+    }
+
+    /// The wearer at three times, if their body returns echoes.
+    fn wearer_postures(&self, times_s: [f64; 3]) -> Option<[Posture; 3]> {
+        let hands = self.hands.as_ref().filter(|_| !self.play.hands_without_echo)?;
+        Some(times_s.map(|t| {
+            let palms_m = hands.palms_at(&self.player, t);
+            wearer(&self.player.head_at(t), hands.facing_at(&self.player, t), palms_m)
+        }))
+    }
+
+    /// The visitor at three times; one who arrives or leaves between them is not there.
+    fn visitor_postures(&self, times_s: [f64; 3]) -> Option<[Posture; 3]> {
+        let walks = times_s.map(|t| self.visitor.as_ref()?.walk_at(t));
+        let [Some(first), Some(middle), Some(last)] = walks else { return None };
+        Some([first, middle, last].map(|walk| walking_person(&walk)))
     }
 
     /// True `room_from_sensor`.
@@ -351,6 +469,46 @@ mod tests {
         assert!(a.poses().eq(b.poses()));
         assert_ne!(a.frames(100..101), session(4, 4.0).frames(100..101));
         assert_eq!(a.frame_count(), a.frames(0..a.frame_count()).len() as u64);
+    }
+
+    fn physical(world: PlayWorld, seed: u64, duration_s: f64) -> Session {
+        let play = PlaySession { duration_s, world, ..PlaySession::new(preset("d16").unwrap(), seed) };
+        play.prepare().unwrap()
+    }
+
+    #[test]
+    fn physical_frames_depend_on_neither_threads_nor_ranges() {
+        for world in [PlayWorld::Office, PlayWorld::Dining, PlayWorld::Living] {
+            let session = physical(world, 5, 4.0);
+            let whole = session.frames(100..110);
+            let parts = [session.frames(100..104), session.frames(104..110)].concat();
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+            assert_eq!(whole, parts);
+            assert_eq!(whole, pool.install(|| session.frames(100..110)));
+            let noise = noise_rms_lsb(&session.play.config.subsweeps[0]);
+            let strongest =
+                whole.iter().flat_map(|frame| &frame.samples).map(|s| f64::from(s.re).hypot(f64::from(s.im)));
+            assert!(strongest.fold(0.0, f64::max) > 5.0 * noise, "{world:?} is silent");
+        }
+    }
+
+    #[test]
+    fn players_of_physical_worlds_come_near_furniture_and_walk_through_none() {
+        for world in [PlayWorld::Office, PlayWorld::Dining, PlayWorld::Living] {
+            for seed in 0..4 {
+                let session = physical(world, seed, 120.0);
+                assert!(session.things().iter().any(|object| object.until_s.is_finite()));
+                assert!(session.things().iter().any(|object| object.thing.name == "soft chair"));
+                let level = |p: DVec3| DVec3::new(p.x, 0.0, p.z);
+                let mut nearest_m = f64::INFINITY;
+                for n in 0..1200 {
+                    let head = session.player.head_at(f64::from(n) * 0.1).translation;
+                    let away = session.before.scatterers().map(|s| level(s.position_m).distance(level(head)));
+                    nearest_m = away.fold(nearest_m, f64::min);
+                }
+                assert!((0.12..0.7).contains(&nearest_m), "{world:?} {seed}: {nearest_m}");
+            }
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use super::super::Room;
 use super::super::motion::turn_between;
 use super::super::smooth::{Wander, smoothstep};
+use super::outline::Outline;
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
@@ -49,8 +50,8 @@ pub(super) struct Player {
 }
 
 impl Player {
-    pub fn new(room: &Room, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
-        let ground = Ground::new(room);
+    pub fn new(room: &Room, outline: Outline<'_>, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let ground = Ground::new(room, outline);
         let mut stances =
             vec![Stance { from_s: 0.0, until_s: 0.3, position_m: DVec3::Y * 1.65, yaw_rad: 0.0, pitch_rad: -0.1 }];
         while let Some(&last) = stances.last().filter(|s| s.until_s < duration_s) {
@@ -84,28 +85,26 @@ impl Player {
 }
 
 /// Floor plan for finding free positions.
-struct Ground {
+struct Ground<'w> {
     /// Scatterers of all objects, at floor level, metres.
     parts: Vec<DVec3>,
     /// The same, by object.
     objects: Vec<Vec<DVec3>>,
-    half: DVec3,
+    outline: Outline<'w>,
 }
 
-impl Ground {
-    fn new(room: &Room) -> Self {
+impl<'w> Ground<'w> {
+    fn new(room: &Room, outline: Outline<'w>) -> Self {
         let level = |p: DVec3| DVec3::new(p.x, 0.0, p.z);
         let objects: Vec<Vec<DVec3>> =
             room.things.iter().map(|t| t.scatterers.iter().map(|s| level(s.position_m)).collect()).collect();
-        let half = room.walls.iter().map(|wall| wall.extent.max).fold(DVec3::ZERO, DVec3::max);
-        Self { parts: objects.concat(), objects, half }
+        Self { parts: objects.concat(), objects, outline }
     }
 
     /// Distance from a body's axis to the nearest scatterer or wall, metres.
     fn clearance_m(&self, point: DVec3) -> f64 {
         let level = DVec3::new(point.x, 0.0, point.z);
-        let walls_m = (self.half.x - point.x.abs()).min(self.half.z - point.z.abs());
-        self.parts.iter().map(|p| p.distance(level)).fold(walls_m, f64::min)
+        self.parts.iter().map(|p| p.distance(level)).fold(self.outline.clearance_m(point), f64::min)
     }
 
     /// Whether the straight path keeps clear of everything.
@@ -114,7 +113,7 @@ impl Ground {
     }
 }
 
-fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
+fn next_stance(last: &Stance, ground: &Ground<'_>, rng: &mut ChaCha8Rng) -> Stance {
     let crouch = rng.random_range(0.0..1.0) < 0.12;
     let height_m = if crouch { rng.random_range(1.0..1.3) } else { rng.random_range(1.55..1.72) };
     let position_m = next_position(last, height_m, ground, rng);
@@ -135,7 +134,7 @@ fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
     Stance { from_s, until_s, position_m, yaw_rad: last.yaw_rad + turn_rad, pitch_rad }
 }
 
-fn next_position(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rng) -> DVec3 {
+fn next_position(last: &Stance, height_m: f64, ground: &Ground<'_>, rng: &mut ChaCha8Rng) -> DVec3 {
     let kind = rng.random_range(0.0..1.0);
     for _ in 0..30 {
         let somewhere = DVec3::new(
@@ -153,7 +152,7 @@ fn next_position(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha
             part + away * rng.random_range(NEAR_OBJECT_M.0..NEAR_OBJECT_M.1) + DVec3::Y * height_m
         } else if kind < NEAR_OBJECT_SHARE + WALL_SHARE {
             let toward = somewhere.normalize_or(DVec3::X);
-            let reach_m = (ground.half.x / toward.x.abs().max(1e-6)).min(ground.half.z / toward.z.abs().max(1e-6));
+            let reach_m = ground.outline.reach_m(toward);
             let level = DVec3::new(toward.x, 0.0, toward.z) * (reach_m - rng.random_range(0.4..0.6));
             level + DVec3::Y * height_m
         } else {

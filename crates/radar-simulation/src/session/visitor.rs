@@ -7,6 +7,7 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::super::echoes::Walk;
 use super::super::{Room, Scatterer};
 use super::Player;
 
@@ -60,9 +61,22 @@ const PARTS: [(f64, f64, f64, f64); 13] = [
 ];
 
 impl Visitor {
-    pub fn new(room: &Room, player: &Player, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
-        let crossings = CROSSING_STARTS.map(|share| crossing(room, player, share * duration_s, rng)).to_vec();
+    /// `half_m`: half the size of the part of the room that is crossed.
+    pub fn new(room: &Room, half_m: DVec3, player: &Player, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let crossings = CROSSING_STARTS.map(|share| crossing(room, half_m, player, share * duration_s, rng)).to_vec();
         Self { crossings, phases_rad: [(); PARTS.len()].map(|()| rng.random_range(0.0..TAU)) }
+    }
+
+    /// Where the person walks at a time; `None` while there is no visitor.
+    pub fn walk_at(&self, time_s: f64) -> Option<Walk> {
+        let now = self.crossings.iter().find(|c| (c.from_s..c.until_s).contains(&time_s))?;
+        let since_s = time_s - now.from_s;
+        Some(Walk {
+            at_m: now.start_m + now.velocity_m_per_s * since_s,
+            facing: now.velocity_m_per_s.normalize_or(DVec3::Z),
+            stride_phase_rad: TAU * STEPS_PER_S * since_s,
+            stride: 1.0,
+        })
     }
 
     /// Scatterers at a time; empty while there is no visitor.
@@ -85,8 +99,7 @@ impl Visitor {
     }
 }
 
-fn crossing(room: &Room, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> Crossing {
-    let half = room.walls.iter().map(|wall| wall.extent.max).fold(DVec3::ZERO, DVec3::max);
+fn crossing(room: &Room, half: DVec3, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> Crossing {
     let ways = (0..CANDIDATE_PATHS).map(|_| {
         // From one short wall to the other, so that there is room to pass the player.
         let side = if rng.random_range(0.0..1.0) < 0.5 { 1.0 } else { -1.0 };

@@ -1,0 +1,104 @@
+//! A play session in a physical world: the room as the truth sees it, and the echoes of its frames.
+
+use std::collections::BTreeSet;
+
+use glam::DVec3;
+
+use super::super::echoes::{
+    BodyShape, EchoPath, EchoScene, MovingBodies, Posture, Visibility, person_shape, wearer_shape,
+};
+use super::super::world::{ObjectKind, World, WorldObject};
+use super::super::{Room, Scatterer, SceneObject, WallPanel};
+use radar_sar::Beam;
+use radar_sar::geometry::Pose;
+
+/// Distance of the points that represent an object in the truth, metres. Choice: a third of the
+/// distance within which a report is right.
+const TRUTH_SPACING_M: f64 = 0.08;
+/// Cross-section of such a point in the truth, dBsm. Choice: as visible as can be; the echoes come from
+/// surfaces, so no point has one of its own.
+const TRUTH_DBSM: f64 = 0.0;
+/// Time for which one visibility serves, seconds. Source: the limits that it is computed for.
+const VISIBILITY_S: f64 = 0.045;
+
+/// What returns echoes in a session.
+#[derive(Debug, Clone)]
+pub(super) struct PhysicalRoom {
+    before: EchoScene,
+    after: EchoScene,
+    wearer: BodyShape,
+    visitor: BodyShape,
+}
+
+/// Limits of the paths that are followed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PathLimits {
+    pub min_amplitude: f64,
+    pub max_range_m: f64,
+}
+
+impl PhysicalRoom {
+    pub fn new(world: &World, seed: u64) -> Self {
+        Self {
+            before: world.echoes(false),
+            after: world.echoes(true),
+            wearer: wearer_shape(seed),
+            visitor: person_shape(seed ^ 0x0715_1703),
+        }
+    }
+
+    /// With or without the object that is removed.
+    pub fn scene(&self, removed: bool) -> &EchoScene {
+        if removed { &self.after } else { &self.before }
+    }
+
+    /// What is seen from a pose of the sensor in the room.
+    pub fn visibility(&self, removed: bool, sensor: &Pose, beam: &Beam, limits: PathLimits) -> Visibility {
+        self.scene(removed).visibility(sensor, beam, limits.min_amplitude, limits.max_range_m)
+    }
+
+    /// Paths while the sensor is at three poses and the bodies in three postures each.
+    pub fn paths(
+        &self,
+        removed: bool,
+        visibility: &Visibility,
+        sensor: &[Pose; 3],
+        wearer: Option<&[Posture; 3]>,
+        visitor: Option<&[Posture; 3]>,
+    ) -> Vec<EchoPath> {
+        let mut moving = MovingBodies::default();
+        for (shape, postures) in [(&self.wearer, wearer), (&self.visitor, visitor)] {
+            if let Some(postures) = postures {
+                moving.add(shape, postures);
+            }
+        }
+        self.scene(removed).paths_seen(visibility, sensor, &moving)
+    }
+}
+
+/// Number of frames that share a visibility.
+pub(super) fn frames_per_visibility(frame_period_s: f64) -> u64 {
+    (VISIBILITY_S / frame_period_s).floor().max(1.0) as u64
+}
+
+/// The room of a world, for the truth. What hangs on a wall belongs to the wall.
+pub(super) fn truth_room(world: &World) -> Room {
+    let free = world.objects.iter().filter(|object| object.kind != ObjectKind::Fixture);
+    let wall = |wall: &super::super::world::WorldWall| WallPanel {
+        name: wall.name.clone(),
+        plane: wall.plane,
+        extent: wall.extent,
+        reflection_db: 0.0,
+    };
+    Room { things: free.map(truth_object).collect(), walls: world.shell.walls.iter().map(wall).collect() }
+}
+
+fn truth_object(object: &WorldObject) -> SceneObject {
+    let mut taken = BTreeSet::new();
+    let cell = |point: &DVec3| (*point / TRUTH_SPACING_M).floor().as_i64vec3().to_array();
+    let points = object.points_m.iter().filter(|point| taken.insert(cell(point)));
+    let scatterer =
+        |&position_m: &DVec3| Scatterer { position_m, rcs_dbsm: TRUTH_DBSM, lobe: DVec3::ZERO, phase_rad: 0.0 };
+    let name = if object.kind == ObjectKind::SoftChair { "soft chair" } else { object.name.as_str() };
+    SceneObject { name: name.into(), scatterers: points.map(scatterer).collect() }
+}
