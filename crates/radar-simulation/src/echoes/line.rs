@@ -11,7 +11,7 @@ use crate::smooth::smoothstep;
 use crate::world::{Edge, InnerEdge, Tube};
 
 use super::REFLECTION_PHASE_RAD;
-use super::fresnel::{fresnel_radius_m, interval_share};
+use super::fresnel::{MAX_FRESNEL_M, fresnel_radius_m, interval_share};
 
 /// Angle over which an edge's echo ends where a neighbouring face's specular echo begins, rad. Choice: a
 /// Fresnel zone of 5 cm at 1 m.
@@ -94,10 +94,10 @@ impl Line {
         let along_m = off.dot(self.axis);
         let across = off - self.axis * along_m;
         let distance_m = across.length();
-        if distance_m < 1e-3 {
+        if distance_m < 1e-3 || along_m.abs() > self.half_m + MAX_FRESNEL_M {
             return None;
         }
-        let to_surface_m = self.to_surface_m(distance_m);
+        let to_surface_m = self.surface_distance_m(distance_m);
         let share = interval_share(along_m, self.half_m, fresnel_radius_m(distance_m, distance_m));
         if share == 0.0 {
             return None;
@@ -117,7 +117,7 @@ impl Line {
     /// Range of the echo back to the sensor alone, metres.
     pub fn range_m(&self, sensor_m: DVec3) -> f64 {
         let off = sensor_m - self.middle_m;
-        self.to_surface_m((off - self.axis * off.dot(self.axis)).length())
+        self.surface_distance_m((off - self.axis * off.dot(self.axis)).length())
     }
 
     /// Phase of the reflection: one bounce, or two that add up to a whole turn.
@@ -128,7 +128,7 @@ impl Line {
         }
     }
 
-    fn to_surface_m(&self, distance_m: f64) -> f64 {
+    fn surface_distance_m(&self, distance_m: f64) -> f64 {
         match self.kind {
             LineKind::Cylinder { radius_m } => (distance_m - radius_m).max(1e-3),
             LineKind::Dihedral => distance_m,

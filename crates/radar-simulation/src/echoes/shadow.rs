@@ -7,13 +7,11 @@ use radar_sar::geometry::Aabb;
 use crate::world::Panel;
 
 use super::face::Face;
-use super::fresnel::{fresnel_radius_m, interval_share};
+use super::fresnel::{MAX_FRESNEL_M, fresnel_radius_m, interval_share};
 
 /// A surface nearer to an end of the path than this, metres, does not shadow it: the end is on the surface,
 /// or belongs to it. Choice: above rounding, below the thickness of boards.
 const OWN_SURFACE_M: f64 = 4e-3;
-/// Largest Fresnel radius of a path, metres: 8 m long, crossed in the middle. Physics.
-const MAX_FRESNEL_M: f64 = 0.1;
 /// Field transmission below which a path counts as blocked: −60 dB. Choice: weaker than any path that is
 /// kept.
 const BLOCKED: f64 = 1e-3;

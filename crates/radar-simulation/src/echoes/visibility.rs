@@ -13,9 +13,9 @@ use super::points::Cluster;
 use super::shadow::transmission_past;
 
 /// How far the sensor may have moved, metres, and turned, rad, since the visibility was computed. Choice: 50 ms at 2
-/// m/s and at 400°/s.
+/// m/s and at 230°/s.
 const SLACK_M: f64 = 0.1;
-const SLACK_RAD: f64 = 0.35;
+const SLACK_RAD: f64 = 0.2;
 /// Point sources with paths by mirrors: the strongest ones. Choice: those beyond are below −60 dB by plaster.
 const MIRRORED_POINTS: usize = 200;
 
@@ -197,12 +197,15 @@ impl Searcher<'_> {
                 if face.distance_m(wide.middle_m) <= 0.0 {
                     continue;
                 }
-                let image_beam = self.beam_about(face.image(wide.middle_m), wide.half_m).0.sqrt();
                 let by = wide.bistatic(self.sensor_m, image_of_sensor);
-                let by = by.map_or(0.0, |echo| 2.0 * self.strength(&echo) * beam * image_beam);
+                let by = by.map_or(0.0, |echo| 2.0 * self.strength(&echo) * beam * face.reflection);
                 let back = wide.echo(image_of_sensor);
-                let back = back.map_or(0.0, |echo| self.strength(&echo) * face.reflection * image_beam * image_beam);
-                if by.max(back) * face.reflection >= self.min_amplitude {
+                let back = back.map_or(0.0, |echo| self.strength(&echo) * face.reflection * face.reflection);
+                if by.max(back) < self.min_amplitude {
+                    continue;
+                }
+                let image_beam = self.beam_about(face.image(wide.middle_m), wide.half_m).0.sqrt();
+                if image_beam * by.max(back * image_beam) >= self.min_amplitude {
                     links.push(LineLink { line: *line, mirror });
                 }
             }
