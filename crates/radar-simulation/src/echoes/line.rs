@@ -1,7 +1,7 @@
 //! Echoes of straight lines: tubes, rounded edges and the inner edges of right angles. Each reflects
 //! from one point, where the law of reflection about the line holds.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_4, PI};
 
 use glam::DVec3;
 
@@ -177,7 +177,11 @@ impl Line {
     /// 1 inside the sector, 0 outside.
     fn sector_share(&self, direction: DVec3) -> f64 {
         let Some(sector) = self.sector else { return 1.0 };
-        let off_rad = math::acos(sector.middle.dot(direction).clamp(-1.0, 1.0));
+        let cos = sector.middle.dot(direction);
+        if cos < 0.0 && sector.half_angle_rad < FRAC_PI_4 + 0.5 {
+            return 0.0;
+        }
+        let off_rad = math::acos(cos.clamp(-1.0, 1.0));
         smoothstep(0.5 * ((sector.half_angle_rad - off_rad) / SECTOR_BORDER_RAD + 1.0))
     }
 }
