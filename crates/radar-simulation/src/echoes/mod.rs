@@ -131,6 +131,7 @@ impl EchoScene {
             self.cloud.add_surface(panel, spacing_m, &mut rng);
         }
         self.cloud.add_fittings(&parts.corners, &mut rng);
+        self.cloud.add_tube_ends(&parts.tubes, &mut rng);
         self.lines.extend(parts.edges.iter().map(Line::of_edge));
         self.lines.extend(parts.tubes.iter().map(Line::of_tube));
         self.lines.extend(parts.inner_edges.iter().map(Line::of_inner_edge));

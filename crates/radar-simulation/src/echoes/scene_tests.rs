@@ -223,3 +223,12 @@ fn foot_of_a_box_is_a_dihedral_with_the_floor() {
     let away_m = (0.3f64 * 0.3 + 2.0 * 2.0).sqrt();
     assert!(at_range(&paths(&scene, behind), away_m).is_empty());
 }
+
+#[test]
+fn tube_seen_from_its_end_returns_its_cap() {
+    let tube = Tube { ends_m: [DVec3::NEG_Z, DVec3::NEG_Z * 2.0], radius_m: 0.012, material: METAL };
+    let scene = scene(&Parts::default(), &[Parts { tubes: vec![tube], ..Default::default() }]);
+    let cap = at_range(&paths(&scene, DVec3::ZERO), 1.0);
+    let expected = (PI * 0.012 * 0.012 * METAL.specular()).sqrt();
+    assert!(db(cap[0].amplitude / expected).abs() < 0.01);
+}
