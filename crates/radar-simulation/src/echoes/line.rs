@@ -92,9 +92,13 @@ impl Line {
     pub fn echo(&self, sensor_m: DVec3) -> Option<LineEcho> {
         let off = sensor_m - self.middle_m;
         let along_m = off.dot(self.axis);
+        // Most lines lie aside.
+        if along_m.abs() > self.half_m + MAX_FRESNEL_M {
+            return None;
+        }
         let across = off - self.axis * along_m;
         let distance_m = across.length();
-        if distance_m < 1e-3 || along_m.abs() > self.half_m + MAX_FRESNEL_M {
+        if distance_m < 1e-3 {
             return None;
         }
         let to_surface_m = self.surface_distance_m(distance_m);
@@ -165,6 +169,14 @@ impl Line {
             range_m: 0.5 * (d1_m + d2_m) - radius_m,
             spread: (2.0 * PI * radius_m / (d1_m * d2_m * (d1_m + d2_m))).sqrt() * self.reflection * share,
         })
+    }
+
+    /// √(π a γ) of a cylinder, which divided by √d³ is the field that it returns; 0 for dihedrals.
+    pub fn strength(&self) -> f64 {
+        match self.kind {
+            LineKind::Cylinder { radius_m } => (PI * radius_m).sqrt() * self.reflection,
+            LineKind::Dihedral => 0.0,
+        }
     }
 
     /// The line longer by `slack_m` at both ends and wider open by `slack_rad`: what it reflects includes all that the
