@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::world::Panel;
 
-use super::fresnel::{fresnel_radius_m, interval_share};
+use super::fresnel::{MAX_FRESNEL_M, fresnel_radius_m, interval_share};
 
 /// One side of a rectangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,7 +83,14 @@ impl Face {
             return None;
         }
         let at = a / (a - b);
-        let (point_m, length_m) = (from_m.lerp(to_m, at), from_m.distance(to_m));
+        let point_m = from_m + (to_m - from_m) * at;
+        // Most paths miss it by far.
+        let off = point_m - self.center_m;
+        let outside_m = (off.dot(self.u).abs() - self.half_m[0]).max(off.dot(self.v).abs() - self.half_m[1]);
+        if outside_m > MAX_FRESNEL_M {
+            return None;
+        }
+        let length_m = from_m.distance(to_m);
         let share = self.share(point_m, fresnel_radius_m(at * length_m, (1.0 - at) * length_m));
         (share > 0.0).then_some(Crossing { share, point_m })
     }

@@ -5,10 +5,13 @@ use radar_sar::WAVELENGTH_M;
 
 use crate::smooth::smoothstep;
 
+/// Largest Fresnel radius of a path, metres: 8 m long, crossed in the middle. Longer ones are taken as this long. Physics.
+pub(super) const MAX_FRESNEL_M: f64 = 0.1;
+
 /// Radius of the first Fresnel zone, metres, at distances from both ends of a path: √(λ d₁ d₂ / (d₁ +
 /// d₂)). Source: ITU-R P.526.
 pub(super) fn fresnel_radius_m(d1_m: f64, d2_m: f64) -> f64 {
-    (WAVELENGTH_M * d1_m * d2_m / (d1_m + d2_m)).max(0.0).sqrt()
+    (WAVELENGTH_M * d1_m * d2_m / (d1_m + d2_m)).max(0.0).sqrt().min(MAX_FRESNEL_M)
 }
 
 /// Share of the field that an interval of half-width `half_m` reflects or intercepts where the ray

@@ -1,7 +1,7 @@
 //! Echoes of straight lines: tubes, rounded edges and the inner edges of right angles. Each reflects
 //! from one point, where the law of reflection about the line holds.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_4, PI};
 
 use glam::DVec3;
 
@@ -11,7 +11,7 @@ use crate::smooth::smoothstep;
 use crate::world::{Edge, InnerEdge, Tube};
 
 use super::REFLECTION_PHASE_RAD;
-use super::fresnel::{fresnel_radius_m, interval_share};
+use super::fresnel::{MAX_FRESNEL_M, fresnel_radius_m, interval_share};
 
 /// Angle over which an edge's echo ends where a neighbouring face's specular echo begins, rad. Choice: a
 /// Fresnel zone of 5 cm at 1 m.
@@ -92,12 +92,16 @@ impl Line {
     pub fn echo(&self, sensor_m: DVec3) -> Option<LineEcho> {
         let off = sensor_m - self.middle_m;
         let along_m = off.dot(self.axis);
+        // Most lines lie aside.
+        if along_m.abs() > self.half_m + MAX_FRESNEL_M {
+            return None;
+        }
         let across = off - self.axis * along_m;
         let distance_m = across.length();
         if distance_m < 1e-3 {
             return None;
         }
-        let to_surface_m = self.to_surface_m(distance_m);
+        let to_surface_m = self.surface_distance_m(distance_m);
         let share = interval_share(along_m, self.half_m, fresnel_radius_m(distance_m, distance_m));
         if share == 0.0 {
             return None;
@@ -117,7 +121,7 @@ impl Line {
     /// Range of the echo back to the sensor alone, metres.
     pub fn range_m(&self, sensor_m: DVec3) -> f64 {
         let off = sensor_m - self.middle_m;
-        self.to_surface_m((off - self.axis * off.dot(self.axis)).length())
+        self.surface_distance_m((off - self.axis * off.dot(self.axis)).length())
     }
 
     /// Phase of the reflection: one bounce, or two that add up to a whole turn.
@@ -128,7 +132,7 @@ impl Line {
         }
     }
 
-    fn to_surface_m(&self, distance_m: f64) -> f64 {
+    fn surface_distance_m(&self, distance_m: f64) -> f64 {
         match self.kind {
             LineKind::Cylinder { radius_m } => (distance_m - radius_m).max(1e-3),
             LineKind::Dihedral => distance_m,
@@ -167,6 +171,14 @@ impl Line {
         })
     }
 
+    /// √(π a γ) of a cylinder, which divided by √d³ is the field that it returns; 0 for dihedrals.
+    pub fn strength(&self) -> f64 {
+        match self.kind {
+            LineKind::Cylinder { radius_m } => (PI * radius_m).sqrt() * self.reflection,
+            LineKind::Dihedral => 0.0,
+        }
+    }
+
     /// The line longer by `slack_m` at both ends and wider open by `slack_rad`: what it reflects includes all that the
     /// line itself reflects to places nearby.
     pub fn widened(&self, slack_m: f64, slack_rad: f64) -> Self {
@@ -177,7 +189,11 @@ impl Line {
     /// 1 inside the sector, 0 outside.
     fn sector_share(&self, direction: DVec3) -> f64 {
         let Some(sector) = self.sector else { return 1.0 };
-        let off_rad = math::acos(sector.middle.dot(direction).clamp(-1.0, 1.0));
+        let cos = sector.middle.dot(direction);
+        if cos < 0.0 && sector.half_angle_rad < FRAC_PI_4 + 0.5 {
+            return 0.0;
+        }
+        let off_rad = math::acos(cos.clamp(-1.0, 1.0));
         smoothstep(0.5 * ((sector.half_angle_rad - off_rad) / SECTOR_BORDER_RAD + 1.0))
     }
 }

@@ -49,7 +49,7 @@ const REFLECTION_PHASE_RAD: f64 = PI;
 const HEADSET_ROOT_SIGMA_M: f64 = 0.297;
 /// A panel of an object mirrors other things if both sides are at least this long, metres, and it reflects at least
 /// this power. Choice: cabinets, glass doors and table tops, not boards; the Fresnel zone of 2 m is 7 cm.
-const MIN_MIRROR_M: f64 = 0.35;
+const MIN_MIRROR_M: f64 = 0.45;
 const MIN_MIRROR_REFLECTIVITY: f64 = 0.15;
 /// A panel of the shell mirrors if both sides are at least this long, metres. Choice: a piece of wall beside a door does.
 const MIN_SHELL_MIRROR_M: f64 = 0.2;
@@ -131,6 +131,7 @@ impl EchoScene {
             self.cloud.add_surface(panel, spacing_m, &mut rng);
         }
         self.cloud.add_fittings(&parts.corners, &mut rng);
+        self.cloud.add_tube_ends(&parts.tubes, &mut rng);
         self.lines.extend(parts.edges.iter().map(Line::of_edge));
         self.lines.extend(parts.tubes.iter().map(Line::of_tube));
         self.lines.extend(parts.inner_edges.iter().map(Line::of_inner_edge));

@@ -1,6 +1,6 @@
 //! Point sources: the diffuse share of surfaces as points on a jittered grid, and small fittings.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 use rand::RngExt;
@@ -8,11 +8,13 @@ use rand_chacha::ChaCha8Rng;
 
 use radar_sar::math;
 
-use crate::world::{Corner, Panel};
+use crate::world::{Corner, Panel, Tube};
 
 /// Share of the field that a fitting returns to behind its lobe: −15 dB. Choice: as in the room of point
 /// scatterers; no part of furniture vanishes entirely from behind.
 const FITTING_BACK: f64 = 0.178;
+/// Ends of thinner tubes return nothing worth mentioning, metres. Choice: −51 dBsm and less, of metal.
+const MIN_END_RADIUS_M: f64 = 1.5e-3;
 /// Largest extent of a cluster, metres. Choice: small enough that range and beam exclude most clusters.
 const CLUSTER_M: f64 = 0.8;
 
@@ -124,6 +126,25 @@ impl PointCloud {
             root_sigma_m: math::powf(10f64, fitting.rcs_dbsm / 20.0),
             phase_rad: rng.random_range(0.0..TAU),
         }));
+        self.close_cluster(first);
+    }
+
+    /// Adds the ends and bends of an object's tubes as one cluster: as rounded as a sphere of the tube's radius, whose
+    /// cross-section is π a² γ (geometrical optics; Physics).
+    pub fn add_tube_ends(&mut self, tubes: &[Tube], rng: &mut ChaCha8Rng) {
+        let first = self.points.len();
+        for tube in tubes.iter().filter(|tube| tube.radius_m >= MIN_END_RADIUS_M) {
+            let root_sigma_m = tube.radius_m * (PI * tube.material.specular()).sqrt();
+            for (position_m, outward) in [(tube.ends_m[0], -tube.axis()), (tube.ends_m[1], tube.axis())] {
+                let phase_rad = rng.random_range(0.0..TAU);
+                self.points.push(PointSource { position_m, lobe: Lobe::Fitting(outward), root_sigma_m, phase_rad });
+            }
+        }
+        self.close_cluster(first);
+    }
+
+    /// Makes the points from `first` on a cluster.
+    fn close_cluster(&mut self, first: usize) {
         let points = &self.points[first..];
         if points.is_empty() {
             return;

@@ -205,3 +205,30 @@ fn paths_are_the_same_on_every_call_and_kept_visibility_loses_little() {
     let power = |paths: &[EchoPath]| paths.iter().map(|path| path.amplitude.powi(2)).sum::<f64>();
     assert!((db(power(&kept) / power(&first)) / 2.0).abs() < 0.2);
 }
+
+#[test]
+fn foot_of_a_box_is_a_dihedral_with_the_floor() {
+    let mut cupboard = Assembly::default();
+    cupboard.cuboid_on_floor(DVec3::NEG_Z * 1.2, DVec3::new(1.0, 0.8, 0.4), WOOD);
+    let scene = scene(&Parts::default(), &[cupboard.parts]);
+    for z in [0.0, 1.0] {
+        let at = DVec3::new(0.1, 1.5, z);
+        let away_m = (1.5f64 * 1.5 + (z + 1.0).powi(2)).sqrt();
+        // The floor's specular reflectivity is 0.05 in these scenes.
+        let expected = (PI * WOOD.specular() * 0.05).sqrt() / away_m;
+        assert!(db(at_range(&paths(&scene, at), away_m)[0].amplitude / expected).abs() < 0.01);
+    }
+    // From behind, the box hides it.
+    let behind = DVec3::new(0.1, 0.3, -3.0);
+    let away_m = (0.3f64 * 0.3 + 2.0 * 2.0).sqrt();
+    assert!(at_range(&paths(&scene, behind), away_m).is_empty());
+}
+
+#[test]
+fn tube_seen_from_its_end_returns_its_cap() {
+    let tube = Tube { ends_m: [DVec3::NEG_Z, DVec3::NEG_Z * 2.0], radius_m: 0.012, material: METAL };
+    let scene = scene(&Parts::default(), &[Parts { tubes: vec![tube], ..Default::default() }]);
+    let cap = at_range(&paths(&scene, DVec3::ZERO), 1.0);
+    let expected = (PI * 0.012 * 0.012 * METAL.specular()).sqrt();
+    assert!(db(cap[0].amplitude / expected).abs() < 0.01);
+}

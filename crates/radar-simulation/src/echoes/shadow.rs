@@ -7,13 +7,11 @@ use radar_sar::geometry::Aabb;
 use crate::world::Panel;
 
 use super::face::Face;
-use super::fresnel::{fresnel_radius_m, interval_share};
+use super::fresnel::{MAX_FRESNEL_M, fresnel_radius_m, interval_share};
 
 /// A surface nearer to an end of the path than this, metres, does not shadow it: the end is on the surface,
 /// or belongs to it. Choice: above rounding, below the thickness of boards.
 const OWN_SURFACE_M: f64 = 4e-3;
-/// Largest Fresnel radius of a path, metres: 8 m long, crossed in the middle. Physics.
-const MAX_FRESNEL_M: f64 = 0.1;
 /// Field transmission below which a path counts as blocked: −60 dB. Choice: weaker than any path that is
 /// kept.
 const BLOCKED: f64 = 1e-3;
@@ -54,40 +52,62 @@ impl Occluder {
     }
 }
 
-/// The surfaces of one object, passed over together by paths that miss the ball around them.
+/// A ball around neighbouring surfaces, which paths that miss it pass over together.
 #[derive(Debug, Clone, PartialEq)]
-struct Group {
+struct Ball {
     center_m: DVec3,
     radius_m: f64,
+    /// Of an object: its smaller balls; of those: surfaces.
     members: std::ops::Range<usize>,
 }
+
+impl Ball {
+    fn around(occluders: &[Occluder], members: std::ops::Range<usize>) -> Option<Self> {
+        let corners =
+            occluders.iter().flat_map(|o| [-1.0, 1.0].map(|s| o.face.center_m + DVec3::splat(s * o.radius_m)));
+        let center_m = Aabb::around(corners)?.center();
+        let reach = |o: &Occluder| o.face.center_m.distance(center_m) + o.radius_m;
+        // Beyond a border a surface still shadows within a Fresnel radius.
+        let radius_m = occluders.iter().map(reach).fold(0.0, f64::max) + MAX_FRESNEL_M;
+        Some(Self { center_m, radius_m, members })
+    }
+
+    fn is_near(&self, from_m: DVec3, way: DVec3, slack_m: f64) -> bool {
+        let off = self.center_m - from_m;
+        let at = (off.dot(way) / way.length_squared().max(1e-12)).clamp(0.0, 1.0);
+        (off - way * at).length_squared() < (self.radius_m + slack_m).powi(2)
+    }
+}
+
+/// Surfaces of one smaller ball. Choice: a box.
+const IN_BALL: usize = 6;
 
 /// Surfaces that shadow, by object.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Occluders {
     all: Vec<Occluder>,
-    groups: Vec<Group>,
+    balls: Vec<Ball>,
+    objects: Vec<Ball>,
 }
 
 impl Occluders {
     /// Adds the surfaces of an object.
     pub fn add(&mut self, occluders: impl Iterator<Item = Occluder>) {
-        let first = self.all.len();
+        let (first, first_ball) = (self.all.len(), self.balls.len());
         self.all.extend(occluders);
-        let members = &self.all[first..];
-        let corners =
-            members.iter().flat_map(|o| [-1.0, 1.0].map(|side| o.face.center_m + DVec3::splat(side * o.radius_m)));
-        let Some(center_m) = Aabb::around(corners).map(|around| around.center()) else { return };
-        let reach = |o: &Occluder| o.face.center_m.distance(center_m) + o.radius_m;
-        // Beyond a border a surface still shadows within a Fresnel radius.
-        let radius_m = members.iter().map(reach).fold(0.0, f64::max) + MAX_FRESNEL_M;
-        self.groups.push(Group { center_m, radius_m, members: first..self.all.len() });
+        for at in (first..self.all.len()).step_by(IN_BALL) {
+            let members = at..(at + IN_BALL).min(self.all.len());
+            self.balls.extend(Ball::around(&self.all[members.clone()], members));
+        }
+        self.objects.extend(Ball::around(&self.all[first..], first_ball..self.balls.len()));
     }
 
-    fn near(&self, from_m: DVec3, to_m: DVec3, radius_m: f64) -> impl Iterator<Item = &Occluder> {
-        let near =
-            move |group: &&Group| distance_to_segment_m(group.center_m, from_m, to_m) < group.radius_m + radius_m;
-        self.groups.iter().filter(near).flat_map(|group| &self.all[group.members.clone()])
+    fn near(&self, from_m: DVec3, to_m: DVec3, slack_m: f64) -> impl Iterator<Item = &Occluder> {
+        let way = to_m - from_m;
+        let is_near = move |ball: &&Ball| ball.is_near(from_m, way, slack_m);
+        let objects = self.objects.iter().filter(is_near);
+        let balls = objects.flat_map(|object| &self.balls[object.members.clone()]).filter(is_near);
+        balls.flat_map(|ball| &self.all[ball.members.clone()])
     }
 
     /// Field transmission along a path.

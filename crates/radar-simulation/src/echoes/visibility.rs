@@ -13,11 +13,14 @@ use super::points::Cluster;
 use super::shadow::transmission_past;
 
 /// How far the sensor may have moved, metres, and turned, rad, since the visibility was computed. Choice: 50 ms at 2
-/// m/s and at 400°/s.
+/// m/s and at 230°/s.
 const SLACK_M: f64 = 0.1;
-const SLACK_RAD: f64 = 0.35;
+const SLACK_RAD: f64 = 0.2;
 /// Point sources with paths by mirrors: the strongest ones. Choice: those beyond are below −60 dB by plaster.
 const MIRRORED_POINTS: usize = 200;
+
+/// Lines with paths by mirrors: the strongest ones. Choice: all tubes of a furnished room, but not all wooden edges.
+const MIRRORED_LINES: usize = 200;
 
 /// What is seen from about a position.
 #[derive(Debug, Clone)]
@@ -186,23 +189,30 @@ impl Searcher<'_> {
         // Lines within reach of the beam, wide enough for where the sensor will be.
         let reach = self.scene.lines.iter().enumerate().skip(self.scene.shell_lines).filter_map(|(index, line)| {
             let (beam, nearest_m) = self.beam_about(line.middle_m, line.half_m);
-            let seen = nearest_m <= self.max_range_m;
-            seen.then(|| (index, line.widened(SLACK_M, SLACK_RAD), beam.sqrt()))
+            let at_least_m = nearest_m.max(0.1);
+            let strength = line.strength() * beam.sqrt() / at_least_m.powi(3).sqrt();
+            let seen = nearest_m <= self.max_range_m && strength >= self.min_amplitude;
+            seen.then(|| (strength, index, line.widened(SLACK_M, SLACK_RAD), beam.sqrt()))
         });
-        let reach: Vec<(usize, Line, f64)> = reach.collect();
+        let mut reach: Vec<(f64, usize, Line, f64)> = reach.collect();
+        reach.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        reach.truncate(MIRRORED_LINES);
         let mut links = Vec::new();
         for (mirror, face) in self.scene.mirrors.iter().enumerate().filter(|(_, f)| f.distance_m(self.sensor_m) > 0.0) {
             let image_of_sensor = face.image(self.sensor_m);
-            for (line, wide, beam) in &reach {
+            for (_, line, wide, beam) in &reach {
                 if face.distance_m(wide.middle_m) <= 0.0 {
                     continue;
                 }
-                let image_beam = self.beam_about(face.image(wide.middle_m), wide.half_m).0.sqrt();
                 let by = wide.bistatic(self.sensor_m, image_of_sensor);
-                let by = by.map_or(0.0, |echo| 2.0 * self.strength(&echo) * beam * image_beam);
+                let by = by.map_or(0.0, |echo| 2.0 * self.strength(&echo) * beam * face.reflection);
                 let back = wide.echo(image_of_sensor);
-                let back = back.map_or(0.0, |echo| self.strength(&echo) * face.reflection * image_beam * image_beam);
-                if by.max(back) * face.reflection >= self.min_amplitude {
+                let back = back.map_or(0.0, |echo| self.strength(&echo) * face.reflection * face.reflection);
+                if by.max(back) < self.min_amplitude {
+                    continue;
+                }
+                let image_beam = self.beam_about(face.image(wide.middle_m), wide.half_m).0.sqrt();
+                if image_beam * by.max(back * image_beam) >= self.min_amplitude {
                     links.push(LineLink { line: *line, mirror });
                 }
             }

@@ -15,14 +15,13 @@ mod placement;
 mod shell;
 mod training;
 mod tuning;
+mod wall_fittings;
 #[cfg(test)]
 mod world_tests;
 
 use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-
-use radar_sar::math;
 
 use crate::echoes::{EchoScene, Sampling};
 use crate::furniture::Draw;
@@ -35,8 +34,8 @@ pub(crate) use object::{Furniture, ObjectKind, WorldObject};
 pub(crate) use parts::{Corner, Edge, FloorEdge, InnerEdge, Panel, Parts, SURFACE_SPACING_M, Tube};
 pub(crate) use shell::{Finish, Opening, OpeningKind, Shell, WorldWall};
 
-use family::Style;
-use placement::{Footprint, Furnisher};
+use placement::Furnisher;
+use wall_fittings::WallFittings;
 
 /// Spacing of the diffuse points of objects, metres. Choice: half the envelope of profile 3, at which a surface's
 /// echo is as random as with denser points.
@@ -44,9 +43,6 @@ const OBJECT_SPACING_M: f64 = 0.07;
 /// Spacing of the diffuse points of walls, floor and ceiling, metres. Choice: about two envelopes of profile 3; nearer
 /// ones cost more than all furniture.
 const SHELL_SPACING_M: f64 = 0.25;
-/// Width and height of a door, and width of a window, metres. Source: DIN 18101; a usual window.
-const DOOR_M: [f64; 2] = [0.86, 2.0];
-const WINDOW_M: f64 = 1.3;
 
 /// A furnished room, its floor at y = 0, the play area's centre at the origin.
 #[derive(Debug, Clone)]
@@ -90,7 +86,7 @@ impl World {
         let size_m = [style.width_m, style.depth_m].map(|(low, high)| draw.uniform(low, high));
         let height_m = draw.uniform(style.height_m.0, style.height_m.1);
         let plan = FloorPlan::new(shape, size_m, height_m, &mut draw.0);
-        let (openings, mut objects, taken) = fixtures(family, &style, &plan, &mut draw);
+        let WallFittings { openings, mut objects, taken } = WallFittings::new(family, &plan, &mut draw);
         let shell = Shell::new(&plan, &style.finish, &openings);
         let mut furnisher = Furnisher { plan: &plan, taken };
         let mut removable = None;
@@ -115,68 +111,4 @@ impl World {
         let sampling = Sampling { spacing_m: OBJECT_SPACING_M, shell_spacing_m: SHELL_SPACING_M, seed: self.seed };
         EchoScene::new(&self.shell.parts, objects, self.finish.floor.specular(), &sampling)
     }
-}
-
-/// Doors, windows and what hangs on walls: openings, objects, and the floor that they need.
-fn fixtures(
-    family: Family,
-    style: &Style,
-    plan: &FloorPlan,
-    draw: &mut Draw,
-) -> (Vec<Opening>, Vec<WorldObject>, Vec<Footprint>) {
-    let walls = plan.walls();
-    // Walls that are long and high enough, in random order.
-    let mut free: Vec<usize> = (0..walls.len())
-        .filter(|&n| {
-            let middle = 0.5 * (walls[n].from + walls[n].to);
-            walls[n].length_m() >= 2.2
-                && (plan.ceiling == Ceiling::Flat || walls[n].inward().x > -0.5 || middle.x < 0.0)
-        })
-        .collect();
-    for n in (1..free.len()).rev() {
-        free.swap(n, (draw.uniform(0.0, (n + 1) as f64) as usize).min(n));
-    }
-    let (mut openings, mut objects, mut taken) = (Vec::new(), Vec::new(), Vec::new());
-    let mut hang = |furniture: &Furniture, wall: &WallLine, along_m: f64, room_m: f64| {
-        let at = wall.from + wall.along() * along_m;
-        let (at_m, yaw_rad) = (DVec3::new(at.x, 0.0, at.y), math::atan2(-wall.inward().x, -wall.inward().y));
-        let extent = furniture.extent();
-        taken.push(Footprint::new(extent.min - DVec3::Z * room_m, extent.max, at_m, yaw_rad));
-        objects.push(furniture.placed(at_m, yaw_rad));
-    };
-    let [door, window] = family.frames(DOOR_M, WINDOW_M);
-    for (n, kind) in [OpeningKind::Door, OpeningKind::Window].into_iter().enumerate() {
-        let Some(&index) = free.get(n) else { continue };
-        let wall = &walls[index];
-        let (width_m, heights_m) = match kind {
-            OpeningKind::Door => (DOOR_M[0], [0.0, DOOR_M[1]]),
-            OpeningKind::Window => (WINDOW_M, style.window_heights_m),
-        };
-        let along_m = draw.uniform(0.5 * width_m + 0.4, wall.length_m() - 0.5 * width_m - 0.4);
-        let span_m = [along_m - 0.5 * width_m, along_m + 0.5 * width_m];
-        openings.push(Opening { kind, wall: index, along_m: span_m, heights_m });
-        match kind {
-            OpeningKind::Door => hang(&door, wall, along_m, 0.4),
-            OpeningKind::Window => {
-                hang(&window, wall, along_m, 0.0);
-                let cover = (style.cover)(style.cover_width_m, [0.05f64.max(heights_m[0] - 0.4), heights_m[1]]);
-                hang(&cover, wall, span_m[0], 0.05);
-                if heights_m[0] > 0.7 {
-                    hang(&(style.radiator)(draw.uniform(0.7, 1.1), 0.5), wall, along_m, 0.1);
-                }
-            }
-        }
-    }
-    let hanging_wall = free.get(2).or(free.first());
-    if let Some(&index) = hanging_wall {
-        let (wall, furniture) = (&walls[index], family.wall_hanging(draw));
-        if free.len() > 2 {
-            let along_m = draw.uniform(0.8, wall.length_m() - 0.8);
-            hang(&furniture, wall, along_m, 0.0);
-            if style.window_heights_m[0] <= 0.7 {
-                hang(&(style.radiator)(draw.uniform(0.6, 1.0), 0.6), wall, along_m, 0.1);
-            }
-        }
-    }
-    (openings, objects, taken)
 }

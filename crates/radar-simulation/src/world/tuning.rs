@@ -132,7 +132,7 @@ pub(crate) fn bookcase(draw: &mut Draw) -> Furniture {
         let mut x = 0.03 - half_m;
         let end = draw.uniform(-0.1, half_m - 0.05);
         while x < end {
-            let size = v(draw.uniform(0.05, 0.16), draw.uniform(0.18, 0.28), draw.uniform(0.14, 0.22));
+            let size = v(draw.uniform(0.1, 0.25), draw.uniform(0.18, 0.28), draw.uniform(0.14, 0.22));
             let z = 0.5 * depth_m - 0.01 - 0.5 * size.z;
             shelf.cuboid(v(x + 0.5 * size.x, y + 0.5 * size.y, z), size, PAPER);
             x += size.x + 0.003;

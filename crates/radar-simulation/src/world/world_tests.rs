@@ -203,3 +203,29 @@ fn furnished_rooms_return_plausible_echoes() {
         }
     }
 }
+
+#[test]
+fn plaster_wall_returns_its_mirror_image_and_the_room_its_right_angles() {
+    let finish = Family::Tuning.style().finish;
+    let plan = FloorPlan::new(RoomShape::Rectangle, [4.0, 4.6], 2.5, &mut ChaCha8Rng::seed_from_u64(3));
+    let shell = Shell::new(&plan, &finish, &[]);
+    let sampling = Sampling { spacing_m: 0.07, shell_spacing_m: 0.25, seed: 1 };
+    let scene = EchoScene::new(&shell.parts, std::iter::empty(), finish.floor.specular(), &sampling);
+    let wall = shell.walls.iter().find(|wall| wall.plane.outward.z < -0.9).unwrap();
+    for away_m in [0.7, 1.4] {
+        let at = DVec3::new(0.3, 1.5, away_m - wall.plane.offset_m);
+        let pose = Pose::from_translation(at);
+        let paths = scene.paths(&[pose; 3], &MovingBodies::default(), &Beam::Uniform, 1e-4, 4.0);
+        let power_dbsm = |range_m: f64| {
+            let near = paths.iter().find(|path| (path.range_m[1] - range_m).abs() < 1e-6);
+            near.map(|path| 20.0 * (path.amplitude * range_m * range_m).log10())
+        };
+        let mirror =
+            |range_m: f64, reflectivity: f64| 10.0 * (std::f64::consts::PI * range_m * range_m * reflectivity).log10();
+        let gamma = finish.wall.specular();
+        assert!((power_dbsm(away_m).unwrap() - mirror(away_m, gamma)).abs() < 0.01);
+        let foot_m = away_m.hypot(1.5);
+        let expected = mirror(foot_m, gamma * finish.floor.specular());
+        assert!((power_dbsm(foot_m).unwrap() - expected).abs() < 0.01);
+    }
+}
