@@ -3,8 +3,9 @@
 //!
 //! Seeded physics: the same seed gives the same recording. It shares constants with the
 //! reconstruction (wavelength, pulse widths, loop gains), but no code. It is not an electromagnetic
-//! solver: a room consists of point scatterers and specular walls. Not simulated: multipath, timing
-//! drift, shadowing.
+//! solver. Scenes consist of point scatterers and specular walls, without multipath and shadows; play
+//! sessions can also be played in rooms of panels, edges, tubes and bodies, with them, by
+//! geometrical optics ([`PlayWorld`]).
 //!
 //! - [`Scenario`]: a scene of [`SCENES`], a motion of [`MOTIONS`], a sensor; [`Scenario::run`] gives
 //!   a [`Simulated`] recording, [`Scenario::live`] an endless one.

@@ -5,7 +5,8 @@
 //! The room has its own axes. The tracking frame is rotated and offset in it, as for a headset set
 //! up anywhere. All public coordinates are in the tracking frame.
 //!
-//! Not simulated: multipath, shadowing (objects do not hide those behind them), timing drift.
+//! A room is of point scatterers, without multipath and shadows, or of surfaces, with them
+//! ([`PlayWorld`]).
 
 mod hands;
 mod outline;
