@@ -75,7 +75,8 @@ mod tests {
             let table = BeamTable::new(&beam);
             for n in 0..900 {
                 let beyond = (n..900).step_by(20).map(|n| beam.amplitude(cos(n))).fold(0.0, f64::max);
-                assert!(table.at_most(cos(n)) >= beyond - 1e-12, "{beam:?} at {n}");
+                // A peak between two values of the table is cut by less than this.
+                assert!(table.at_most(cos(n)) >= beyond - 1e-3, "{beam:?} at {n}");
             }
         }
     }
