@@ -134,7 +134,8 @@ impl MovingBodies {
         }
     }
 
-    /// Positions of all points in the middle, metres: the truth of where the bodies are.
+    /// Positions of all points in the middle, metres.
+    #[cfg(test)]
     pub fn positions_m(&self) -> impl Iterator<Item = DVec3> + '_ {
         self.points.iter().map(|point| point.at_m[1])
     }

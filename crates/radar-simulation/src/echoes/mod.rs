@@ -5,9 +5,6 @@
 //! Left out: reflections between parallel walls, more than two mirror reflections, faces seen by a mirror,
 //! polarisation and Brewster's angle, diffraction beyond what fades at borders.
 
-// The session calls this once it is wired.
-#![allow(dead_code, unused_imports)]
-
 mod beam_table;
 mod bodies;
 mod face;
@@ -32,7 +29,7 @@ use radar_sar::geometry::Pose;
 
 use crate::world::{InnerEdge, Panel, Parts};
 
-pub(crate) use bodies::{BodyShape, Limb, MovingBodies, Posture};
+pub(crate) use bodies::{BodyShape, MovingBodies, Posture};
 pub(crate) use postures::{Walk, cat_shape, person_shape, walking_cat, walking_person, wearer, wearer_shape};
 pub(crate) use visibility::Visibility;
 
@@ -147,6 +144,7 @@ impl EchoScene {
         Visibility::new(self, sensor, beam, min_amplitude, max_range_m)
     }
 
+    #[cfg(test)]
     /// Paths of at least `min_amplitude` and at most `max_range_m`, for the sensor at three times; `sensor` is
     /// room_from_sensor at them; `moving` are the bodies at the same three times. Deterministic, same order on every
     /// call.
@@ -182,6 +180,7 @@ impl EchoScene {
     }
 
     /// Numbers of faces, lines, points and mirrors.
+    #[cfg(test)]
     pub fn counts(&self) -> [usize; 4] {
         [self.faces.len(), self.lines.len(), self.cloud.points.len(), self.mirrors.len()]
     }

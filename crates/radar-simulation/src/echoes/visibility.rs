@@ -82,6 +82,7 @@ impl Visibility {
 
 impl Visibility {
     /// Numbers of points and lines seen by mirrors.
+    #[cfg(test)]
     pub fn link_counts(&self) -> [usize; 2] {
         [self.point_links.len(), self.line_links.len()]
     }

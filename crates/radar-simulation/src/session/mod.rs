@@ -24,7 +24,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::echoes::{EchoPath, Posture, walking_person, wearer};
+use super::echoes::{EchoPath, Posture, Walk, walking_cat, walking_person, wearer};
 use super::receiver::MovingScatterer;
 use super::sampler::{Sampler, Surroundings};
 use super::scenario::{default_mount, host_ns};
@@ -41,11 +41,11 @@ use radar_sar::geometry::{Plane, Pose};
 
 use hands::Hands;
 use outline::Outline;
-use physical::{PathLimits, PhysicalRoom, frames_per_visibility, truth_room};
+use physical::{Movers, PathLimits, PhysicalRoom, frames_per_visibility, truth_room};
 pub use play_world::{PlayWorld, PlayWorldError};
 use player::Player;
 use rooms::play_room;
-use visitor::Visitor;
+use visitor::{CAT, PERSON, Visitor};
 
 /// Parameters of a play session.
 #[derive(Debug, Clone)]
@@ -68,7 +68,7 @@ pub struct PlaySession {
     pub hands: bool,
     /// Whether the hands return no echoes; detections at their positions are then coincidental.
     pub hands_without_echo: bool,
-    /// Whether a person crosses the room.
+    /// Whether a person crosses the room, and in a physical world a pet.
     pub visitor: bool,
     /// The kind of room.
     pub world: PlayWorld,
@@ -137,8 +137,9 @@ impl PlaySession {
         let player = Player::new(&room, outline, end_s, &mut rng(0x0F00_0002));
         let hands = self.hands.then(|| Hands::new(end_s, &mut rng(0x0F00_0003)));
         let half_m = outline.inner_half_m();
-        let visitor =
-            self.visitor.then(|| Visitor::new(&room, half_m, &player, self.duration_s, &mut rng(0x0F00_0004)));
+        let crossing = |gait, salt| Visitor::new(gait, &room, half_m, &player, self.duration_s, &mut rng(salt));
+        let visitor = self.visitor.then(|| crossing(PERSON, 0x0F00_0004));
+        let pet = world.as_ref().filter(|_| self.visitor).map(|_| crossing(CAT, 0x0F00_0006));
         let removed = room.things.iter().position(|object| object.name == REMOVED_CHAIR);
         let mut after = room.clone();
         removed.map(|index| after.things.remove(index));
@@ -159,6 +160,7 @@ impl PlaySession {
             player,
             hands,
             visitor,
+            pet,
         })
     }
 }
@@ -169,6 +171,11 @@ impl PlaySession {
         room.walls.iter_mut().for_each(|wall| wall.reflection_db += self.walls_db);
         room
     }
+}
+
+/// A cat on its walk.
+fn cat(walk: &Walk) -> Posture {
+    walking_cat(walk.at_m, walk.facing, walk.stride_phase_rad)
 }
 
 /// A random `tracking_from_room`: rotated about the vertical only, since headsets are level with
@@ -230,6 +237,7 @@ pub struct Session {
     player: Player,
     hands: Option<Hands>,
     visitor: Option<Visitor>,
+    pet: Option<Visitor>,
 }
 
 impl Session {
@@ -270,10 +278,16 @@ impl Session {
         Some(palms.map(|palm| self.tracking_from_room.transform_point(palm)))
     }
 
-    /// Positions of the visitor's scatterers; empty while there is no visitor.
+    /// Positions of the parts of the visitor, and of the pet; empty while there is neither.
     pub fn visitor_at(&self, time_s: f64) -> Vec<DVec3> {
-        let parts = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
-        parts.into_iter().flatten().map(|part| self.tracking_from_room.transform_point(part.position_m)).collect()
+        let parts_m: Vec<DVec3> = if self.physical.is_some() {
+            let Movers { visitor, pet, .. } = self.movers([time_s; 3]);
+            visitor.into_iter().chain(pet).flat_map(|[posture, ..]| posture.joints_m).collect()
+        } else {
+            let visitor = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
+            visitor.into_iter().flatten().map(|part| part.position_m).collect()
+        };
+        parts_m.into_iter().map(|part_m| self.tracking_from_room.transform_point(part_m)).collect()
     }
 
     /// Whether a point is in the beam, by amplitude and distance.
@@ -322,13 +336,8 @@ impl Session {
             let frame = |number: u64| {
                 let start_s = self.start_s(number);
                 let times_s = [0.0, 0.5, 1.0].map(|share| start_s + share * timing.frame_s);
-                let paths = physical.paths(
-                    removed,
-                    &seen,
-                    &times_s.map(|t| self.sensor_in_room(t)),
-                    self.wearer_postures(times_s).as_ref(),
-                    self.visitor_postures(times_s).as_ref(),
-                );
+                let paths =
+                    physical.paths(removed, &seen, &times_s.map(|t| self.sensor_in_room(t)), &self.movers(times_s));
                 self.physical_frame(number, &paths)
             };
             (first..beyond).map(frame).collect::<Vec<_>>()
@@ -390,6 +399,20 @@ impl Session {
         }
     }
 
+    /// Those who move, at three times; one who arrives or leaves between them is not there.
+    fn movers(&self, times_s: [f64; 3]) -> Movers {
+        let postures = |visitor: &Option<Visitor>, posture: fn(&Walk) -> Posture| {
+            let walks = times_s.map(|t| visitor.as_ref()?.walk_at(t));
+            let [Some(first), Some(middle), Some(last)] = walks else { return None };
+            Some([first, middle, last].map(|walk| posture(&walk)))
+        };
+        Movers {
+            wearer: self.wearer_postures(times_s),
+            visitor: postures(&self.visitor, walking_person),
+            pet: postures(&self.pet, cat),
+        }
+    }
+
     /// The wearer at three times, if their body returns echoes.
     fn wearer_postures(&self, times_s: [f64; 3]) -> Option<[Posture; 3]> {
         let hands = self.hands.as_ref().filter(|_| !self.play.hands_without_echo)?;
@@ -397,13 +420,6 @@ impl Session {
             let palms_m = hands.palms_at(&self.player, t);
             wearer(&self.player.head_at(t), hands.facing_at(&self.player, t), palms_m)
         }))
-    }
-
-    /// The visitor at three times; one who arrives or leaves between them is not there.
-    fn visitor_postures(&self, times_s: [f64; 3]) -> Option<[Posture; 3]> {
-        let walks = times_s.map(|t| self.visitor.as_ref()?.walk_at(t));
-        let [Some(first), Some(middle), Some(last)] = walks else { return None };
-        Some([first, middle, last].map(|walk| walking_person(&walk)))
     }
 
     /// True `room_from_sensor`.

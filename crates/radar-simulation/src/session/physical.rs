@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use glam::DVec3;
 
 use super::super::echoes::{
-    BodyShape, EchoPath, EchoScene, MovingBodies, Posture, Visibility, person_shape, wearer_shape,
+    BodyShape, EchoPath, EchoScene, MovingBodies, Posture, Visibility, cat_shape, person_shape, wearer_shape,
 };
 use super::super::world::{ObjectKind, World, WorldObject};
 use super::super::{Room, Scatterer, SceneObject, WallPanel};
@@ -28,6 +28,15 @@ pub(super) struct PhysicalRoom {
     after: EchoScene,
     wearer: BodyShape,
     visitor: BodyShape,
+    pet: BodyShape,
+}
+
+/// Those who move, each in three postures; `None`: not there.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Movers {
+    pub wearer: Option<[Posture; 3]>,
+    pub visitor: Option<[Posture; 3]>,
+    pub pet: Option<[Posture; 3]>,
 }
 
 /// Limits of the paths that are followed.
@@ -44,6 +53,7 @@ impl PhysicalRoom {
             after: world.echoes(true),
             wearer: wearer_shape(seed),
             visitor: person_shape(seed ^ 0x0715_1703),
+            pet: cat_shape(seed),
         }
     }
 
@@ -58,16 +68,10 @@ impl PhysicalRoom {
     }
 
     /// Paths while the sensor is at three poses and the bodies in three postures each.
-    pub fn paths(
-        &self,
-        removed: bool,
-        visibility: &Visibility,
-        sensor: &[Pose; 3],
-        wearer: Option<&[Posture; 3]>,
-        visitor: Option<&[Posture; 3]>,
-    ) -> Vec<EchoPath> {
+    pub fn paths(&self, removed: bool, visibility: &Visibility, sensor: &[Pose; 3], movers: &Movers) -> Vec<EchoPath> {
         let mut moving = MovingBodies::default();
-        for (shape, postures) in [(&self.wearer, wearer), (&self.visitor, visitor)] {
+        let Movers { wearer, visitor, pet } = movers;
+        for (shape, postures) in [(&self.wearer, wearer), (&self.visitor, visitor), (&self.pet, pet)] {
             if let Some(postures) = postures {
                 moving.add(shape, postures);
             }

@@ -1,5 +1,5 @@
-//! A person who crosses the room twice, on a straight path that keeps clear of the player and, if
-//! possible, of the furniture.
+//! A person who crosses the room twice, or a pet that crosses it three times, on straight paths that
+//! keep clear of the player and, if possible, of the furniture.
 
 use std::f64::consts::TAU;
 
@@ -13,18 +13,29 @@ use super::Player;
 
 use radar_sar::math;
 
-/// Starts of the crossings, as shares of the session. Choice: once before and once after a chair is
-/// removed halfway.
-const CROSSING_STARTS: [f64; 2] = [0.3, 0.75];
-/// Range of walking speeds, m/s, and step frequency, Hz. Choice: an unhurried walk indoors, with
-/// two steps in each cycle of the limbs.
-const SPEED_M_PER_S: (f64, f64) = (0.8, 1.2);
-const STEPS_PER_S: f64 = 0.9;
+/// How someone crosses the room.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Gait {
+    /// Starts of the crossings, as shares of the session.
+    starts: &'static [f64],
+    /// Range of walking speeds, m/s.
+    speed_m_per_s: (f64, f64),
+    /// Cycles of the limbs, Hz.
+    strides_per_s: f64,
+    /// Smallest distance from the player, metres.
+    player_clearance_m: f64,
+}
+
+/// A person. Choice: an unhurried walk indoors, once before and once after a chair is removed halfway;
+/// a person keeps an arm's length from a player.
+pub(super) const PERSON: Gait =
+    Gait { starts: &[0.3, 0.75], speed_m_per_s: (0.8, 1.2), strides_per_s: 0.9, player_clearance_m: 0.9 };
+/// A cat. Choice: slower with quicker steps, and nearer to the player.
+pub(super) const CAT: Gait =
+    Gait { starts: &[0.15, 0.55, 0.9], speed_m_per_s: (0.4, 0.8), strides_per_s: 1.6, player_clearance_m: 0.4 };
 /// Number of random candidate paths for a crossing; the clearest one is used. Choice: enough that
 /// one mostly keeps clear of player and furniture.
 const CANDIDATE_PATHS: usize = 60;
-/// Smallest distance from the player, metres. Choice: a person keeps an arm's length from a player.
-const PLAYER_CLEARANCE_M: f64 = 0.9;
 
 #[derive(Debug, Clone, Copy)]
 struct Crossing {
@@ -37,6 +48,7 @@ struct Crossing {
 /// A walking person.
 #[derive(Debug, Clone)]
 pub(super) struct Visitor {
+    gait: Gait,
     crossings: Vec<Crossing>,
     phases_rad: [f64; PARTS.len()],
 }
@@ -62,9 +74,10 @@ const PARTS: [(f64, f64, f64, f64); 13] = [
 
 impl Visitor {
     /// `half_m`: half the size of the part of the room that is crossed.
-    pub fn new(room: &Room, half_m: DVec3, player: &Player, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
-        let crossings = CROSSING_STARTS.map(|share| crossing(room, half_m, player, share * duration_s, rng)).to_vec();
-        Self { crossings, phases_rad: [(); PARTS.len()].map(|()| rng.random_range(0.0..TAU)) }
+    pub fn new(gait: Gait, room: &Room, half_m: DVec3, player: &Player, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let crossings =
+            gait.starts.iter().map(|share| crossing(&gait, room, half_m, player, share * duration_s, rng)).collect();
+        Self { gait, crossings, phases_rad: [(); PARTS.len()].map(|()| rng.random_range(0.0..TAU)) }
     }
 
     /// Where the person walks at a time; `None` while there is no visitor.
@@ -74,7 +87,7 @@ impl Visitor {
         Some(Walk {
             at_m: now.start_m + now.velocity_m_per_s * since_s,
             facing: now.velocity_m_per_s.normalize_or(DVec3::Z),
-            stride_phase_rad: TAU * STEPS_PER_S * since_s,
+            stride_phase_rad: TAU * self.gait.strides_per_s * since_s,
             stride: 1.0,
         })
     }
@@ -87,7 +100,7 @@ impl Visitor {
         let since_s = time_s - now.from_s;
         let ahead = now.velocity_m_per_s.normalize_or(DVec3::Z);
         let right = ahead.cross(DVec3::Y);
-        let swing = math::sin(TAU * STEPS_PER_S * since_s);
+        let swing = math::sin(TAU * self.gait.strides_per_s * since_s);
         let middle = now.start_m + now.velocity_m_per_s * since_s;
         let part = |(&(side, height, along, rcs_dbsm), &phase_rad): (&(f64, f64, f64, f64), &f64)| Scatterer {
             position_m: middle + right * side + DVec3::Y * height + ahead * (along * swing),
@@ -99,13 +112,13 @@ impl Visitor {
     }
 }
 
-fn crossing(room: &Room, half: DVec3, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> Crossing {
+fn crossing(gait: &Gait, room: &Room, half: DVec3, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> Crossing {
     let ways = (0..CANDIDATE_PATHS).map(|_| {
         // From one short wall to the other, so that there is room to pass the player.
         let side = if rng.random_range(0.0..1.0) < 0.5 { 1.0 } else { -1.0 };
         let x = |rng: &mut ChaCha8Rng| rng.random_range(-half.x + 0.3..half.x - 0.3);
         let (start, end) = (DVec3::new(x(rng), 0.0, side * half.z), DVec3::new(x(rng), 0.0, -side * half.z));
-        let speed = rng.random_range(SPEED_M_PER_S.0..SPEED_M_PER_S.1);
+        let speed = rng.random_range(gait.speed_m_per_s.0..gait.speed_m_per_s.1);
         let lasts_s = start.distance(end) / speed;
         let velocity_m_per_s = (end - start) / lasts_s;
         Crossing { from_s, until_s: from_s + lasts_s, start_m: start, velocity_m_per_s }
@@ -119,7 +132,7 @@ fn crossing(room: &Room, half: DVec3, player: &Player, from_s: f64, rng: &mut Ch
             let things_m = room.scatterers().map(|t| level(t.position_m).distance(at)).fold(f64::INFINITY, f64::min);
             // Walking through furniture matters less to a simulation than walking through the
             // player.
-            (player_m - PLAYER_CLEARANCE_M).min(0.0) * 10.0 + things_m.min(0.4)
+            (player_m - gait.player_clearance_m).min(0.0) * 10.0 + things_m.min(0.4)
         });
         clear.fold(f64::INFINITY, f64::min)
     };

@@ -69,6 +69,7 @@ fn chairs(hard: Furniture, soft: Furniture, at_wall: Furniture, removable: Furni
 }
 
 impl Family {
+    #[cfg(test)]
     pub const ALL: [Self; 3] = [Self::Training, Self::Tuning, Self::Evaluation];
 
     /// Furniture of a room, the most important first.

@@ -51,8 +51,6 @@ pub(crate) const ROUGH_WOOD: Material = material(0.046, 0.3, 0.0, 4e-3);
 /// Glass of 4 to 8 mm. Choice of transmission: the rest after two reflections of 20 % and some
 /// absorption.
 pub(crate) const GLASS: Material = material(0.20, 0.01, 0.35, 1.5e-3);
-/// Skin, and what is as wet.
-pub(crate) const SKIN: Material = material(0.22, 0.6, 0.0, 1e-2);
 /// One layer of cloth.
 pub(crate) const TEXTILE: Material = material(0.029, 0.7, 0.75, 1e-2);
 /// Cloth over foam on a frame. Choice of transmission: some centimetres of foam and the frame.

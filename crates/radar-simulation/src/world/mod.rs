@@ -1,8 +1,5 @@
 //! What stands in a room: objects of panels, tubes and fittings, and the room's shell, in three families of worlds.
 
-// The session calls this once it is wired.
-#![allow(dead_code, unused_imports)]
-
 mod assembly;
 mod evaluation;
 mod family;
@@ -19,20 +16,23 @@ mod wall_fittings;
 #[cfg(test)]
 mod world_tests;
 
-use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::echoes::{EchoScene, Sampling};
 use crate::furniture::Draw;
 
-pub(crate) use assembly::{Assembly, four_corners};
-pub(crate) use family::{CHAIR_AT_WALL, Family, Item, REMOVABLE_CHAIR};
-pub(crate) use floor_plan::{Ceiling, FloorPlan, Rectangle, RoomShape, WallLine};
+#[cfg(test)]
+pub(crate) use assembly::Assembly;
+#[cfg(test)]
+pub(crate) use family::{CHAIR_AT_WALL, REMOVABLE_CHAIR};
+pub(crate) use family::{Family, Item};
+pub(crate) use floor_plan::{FloorPlan, RoomShape};
+#[cfg(test)]
 pub(crate) use material::Material;
-pub(crate) use object::{Furniture, ObjectKind, WorldObject};
-pub(crate) use parts::{Corner, Edge, FloorEdge, InnerEdge, Panel, Parts, SURFACE_SPACING_M, Tube};
-pub(crate) use shell::{Finish, Opening, OpeningKind, Shell, WorldWall};
+pub(crate) use object::{ObjectKind, WorldObject};
+pub(crate) use parts::{Corner, Edge, InnerEdge, Panel, Parts, Tube};
+pub(crate) use shell::{Finish, Shell, WorldWall};
 
 use placement::Furnisher;
 use wall_fittings::WallFittings;
@@ -47,8 +47,6 @@ const SHELL_SPACING_M: f64 = 0.25;
 /// A furnished room, its floor at y = 0, the play area's centre at the origin.
 #[derive(Debug, Clone)]
 pub(crate) struct World {
-    pub family: Family,
-    pub shape: RoomShape,
     /// What the player keeps clear of, besides the objects.
     pub plan: FloorPlan,
     pub objects: Vec<WorldObject>,
@@ -101,7 +99,7 @@ impl World {
             }
         }
         let (removable, finish) = (removable?, style.finish);
-        Some(Self { family, shape, plan, objects, shell, removable, finish, seed })
+        Some(Self { plan, objects, shell, removable, finish, seed })
     }
 
     /// What returns echoes, with all objects or without the removed one; the others' echoes are the same in both.

@@ -68,10 +68,3 @@ pub(crate) struct WorldObject {
     /// Points on its surface, at most [`super::SURFACE_SPACING_M`] apart along it, room frame, metres.
     pub points_m: Vec<DVec3>,
 }
-
-impl WorldObject {
-    /// Distance of a point from its surface, to the spacing of its points, metres.
-    pub fn distance_m(&self, point: DVec3) -> f64 {
-        self.points_m.iter().map(|p| p.distance_squared(point)).fold(f64::INFINITY, f64::min).sqrt()
-    }
-}
