@@ -27,7 +27,7 @@ use rand_chacha::ChaCha8Rng;
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
 
-use crate::world::{InnerEdge, Panel, Parts};
+use crate::world::{InnerEdge, Panel, Parts, World};
 
 pub(crate) use bodies::{BodyShape, MovingBodies, Posture};
 pub(crate) use postures::{Walk, cat_shape, person_shape, walking_cat, walking_person, wearer, wearer_shape};
@@ -54,6 +54,13 @@ const MIN_SHELL_MIRROR_M: f64 = 0.2;
 const MAX_REVEAL_M: f64 = 0.2;
 /// A panel narrower than this, metres, casts no shadow. Choice: less than the Fresnel zone, it intercepts little.
 const MIN_SHADOW_M: f64 = 0.06;
+
+/// Spacing of the diffuse points of objects, metres. Choice: half the envelope of profile 3, at which a surface's
+/// echo is as random as with denser points.
+const OBJECT_SPACING_M: f64 = 0.07;
+/// Spacing of the diffuse points of walls, floor and ceiling, metres. Choice: about two envelopes of profile 3; nearer
+/// ones cost more than all furniture.
+const SHELL_SPACING_M: f64 = 0.25;
 
 /// One propagation path from the transmitter back to the receiver, over a short time (a frame, ≤ 20 ms).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,6 +100,14 @@ pub(crate) struct EchoScene {
 }
 
 impl EchoScene {
+    /// Of a world, with all objects or without the removed one; the others' echoes are the same in both.
+    pub fn of_world(world: &World, removed: bool) -> Self {
+        let there = |n: &usize| !(removed && *n == world.removable);
+        let objects = (0..world.objects.len()).filter(there).map(|n| (n as u64, &world.objects[n].parts));
+        let sampling = Sampling { spacing_m: OBJECT_SPACING_M, shell_spacing_m: SHELL_SPACING_M, seed: world.seed };
+        Self::new(&world.shell.parts, objects, world.floor_reflectivity(), &sampling)
+    }
+
     /// Of a room's shell, which mirrors, and of objects. Each object comes with a number of its own: its points
     /// depend on the number and the seed, not on the other objects. `floor_reflectivity` is specular.
     pub fn new<'p>(

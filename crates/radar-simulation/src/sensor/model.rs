@@ -40,7 +40,7 @@ impl SensorModel {
     pub fn new(config: &SensorConfig, effects: SensorEffects, seed: u64) -> Self {
         let module = Module::new(seed);
         let model = |subsweep: &Subsweep| SubsweepModel {
-            subsweep: subsweep.clone(),
+            subsweep: *subsweep,
             levels: Levels::of(subsweep, effects.profile_noise),
             range_bias_m: effects.range_bias * module.range_bias_m(subsweep.profile),
             background: if subsweep.enable_tx || subsweep.enable_loopback {
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn loopback_shares_part_of_the_jitter() {
         let mut config = preset("d16").unwrap();
-        let echo = Subsweep { profile: Profile::P1, hwaas: 2, num_points: 8, ..config.subsweeps[0].clone() };
+        let echo = Subsweep { profile: Profile::P1, hwaas: 2, num_points: 8, ..config.subsweeps[0] };
         let loopback = Subsweep {
             profile: Profile::P4,
             hwaas: 2,
@@ -236,7 +236,7 @@ mod tests {
             num_points: 1,
             receiver_gain: 15,
             enable_loopback: true,
-            ..config.subsweeps[0].clone()
+            ..config.subsweeps[0]
         };
         config.subsweeps = vec![loopback, echo];
         let sensor = SensorModel::new(&config, only("jitter"), 5);

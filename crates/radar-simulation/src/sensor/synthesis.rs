@@ -1,10 +1,10 @@
 //! The sum of echoes in the points of a frame's sweeps, from propagation paths whose length is a
 //! quadratic function of time over the frame.
 //!
-//! Within a sweep the path's length is linear in time. A path's pulse is a Gaussian on an even grid and
-//! its phase an arithmetic sequence, so both follow from point to point by multiplications; so does
-//! the phase from sweep to sweep. Against straight evaluation the error is below 10⁻⁹ of the amplitude
-//! (tested).
+//! Within a sweep the path's length is linear in time about the point nearest to the echo. A path's pulse
+//! is a Gaussian on an even grid and its phase an arithmetic sequence, so both follow from point to
+//! point by multiplications; so does the phase from sweep to sweep. What is left out is the
+//! acceleration within a pulse: at 10 m/s² and the 70 µs of half a pulse of d16, 6·10⁻⁵ rad.
 
 use num_complex::Complex64;
 
@@ -74,7 +74,7 @@ impl<'a> SubsweepOfFrame<'a> {
         // All quantities refer to the point nearest to the echo in the frame's middle.
         let nearest = ((middle_m - first_m) / step_m).round();
         let moved_m = (path.range_m[2] - path.range_m[0]).abs() + (middle_m - length.at(0.0)).abs();
-        let reach = ((REACH_WIDTHS * self.subsweep.profile.envelope_fwhm_m() + moved_m) / step_m).ceil();
+        let reach = ((REACH_WIDTHS * self.subsweep.profile.envelope_fwhm_m() + moved_m) / step_m + 0.5).ceil();
         let (from, to) = ((nearest - reach).max(0.0), (nearest + reach).min(points as f64 - 1.0));
         if from > to {
             return;
@@ -237,8 +237,9 @@ mod tests {
                 amplitude: 1.0,
                 phase_rad,
             };
-            // At rest, moving at 1.5 m/s either way, accelerating, beside both ends, outside.
-            let motions = [(0.0, 0.0), (0.0225, 0.0), (-0.0225, 1e-4), (0.001, -3e-4)];
+            // At rest, moving at 1.5 m/s either way, accelerating by 10 m/s²; beside both ends, outside.
+            let bend_m = 10.0 * of.frame_s * of.frame_s / 8.0;
+            let motions = [(0.0, 0.0), (1.5, 0.0), (-1.5, bend_m), (0.1, -bend_m)].map(|(m, b)| (m * of.frame_s, b));
             let ranges = [0.75, 1.3337, subsweep.first_m() - 0.05, subsweep.last_m() + 0.1, 30.0];
             for range_m in ranges {
                 for (n, &(moved_m, bent_m)) in motions.iter().enumerate() {
@@ -252,7 +253,12 @@ mod tests {
                     for (k, sweep) in fast.iter().enumerate() {
                         for (n, value) in sweep.iter().enumerate().filter(|(n, _)| inside(k, *n)) {
                             let error = (value - slow[k][n]).norm();
-                            assert!(error < 1e-6, "{name} at {range_m} m, sweep {k}, point {n}: {error}");
+                            let nearest = ((range_m - subsweep.first_m()) / subsweep.step_m()).round();
+                            let from_nearest_s = ((n as f64 - nearest).abs() + 1.0) * of.point_period_s;
+                            let acceleration_m_per_s2 = 8.0 * bent_m.abs() / (of.frame_s * of.frame_s);
+                            let bent_rad = PHASE_RAD_PER_M * 0.5 * acceleration_m_per_s2 * from_nearest_s.powi(2);
+                            let most = 1e-6 + 1.1 * bent_rad * slow[k][n].norm();
+                            assert!(error < most, "{name} at {range_m} m, sweep {k}, point {n}: {error}, {most}");
                         }
                     }
                 }

@@ -49,8 +49,8 @@ pub(super) struct PathLimits {
 impl PhysicalRoom {
     pub fn new(world: &World, seed: u64) -> Self {
         Self {
-            before: world.echoes(false),
-            after: world.echoes(true),
+            before: EchoScene::of_world(world, false),
+            after: EchoScene::of_world(world, true),
             wearer: wearer_shape(seed),
             visitor: person_shape(seed ^ 0x0715_1703),
             pet: cat_shape(seed),

@@ -19,7 +19,6 @@ mod world_tests;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::echoes::{EchoScene, Sampling};
 use crate::furniture::Draw;
 
 #[cfg(test)]
@@ -37,13 +36,6 @@ pub(crate) use shell::{Finish, Shell, WorldWall};
 use placement::Furnisher;
 use wall_fittings::WallFittings;
 
-/// Spacing of the diffuse points of objects, metres. Choice: half the envelope of profile 3, at which a surface's
-/// echo is as random as with denser points.
-const OBJECT_SPACING_M: f64 = 0.07;
-/// Spacing of the diffuse points of walls, floor and ceiling, metres. Choice: about two envelopes of profile 3; nearer
-/// ones cost more than all furniture.
-const SHELL_SPACING_M: f64 = 0.25;
-
 /// A furnished room, its floor at y = 0, the play area's centre at the origin.
 #[derive(Debug, Clone)]
 pub(crate) struct World {
@@ -54,7 +46,8 @@ pub(crate) struct World {
     /// Index of the object that may be removed.
     pub removable: usize,
     finish: Finish,
-    seed: u64,
+    /// What its random numbers come from.
+    pub seed: u64,
 }
 
 impl World {
@@ -102,11 +95,8 @@ impl World {
         Some(Self { plan, objects, shell, removable, finish, seed })
     }
 
-    /// What returns echoes, with all objects or without the removed one; the others' echoes are the same in both.
-    pub fn echoes(&self, removed: bool) -> EchoScene {
-        let there = |n: &usize| !(removed && *n == self.removable);
-        let objects = (0..self.objects.len()).filter(there).map(|n| (n as u64, &self.objects[n].parts));
-        let sampling = Sampling { spacing_m: OBJECT_SPACING_M, shell_spacing_m: SHELL_SPACING_M, seed: self.seed };
-        EchoScene::new(&self.shell.parts, objects, self.finish.floor.specular(), &sampling)
+    /// Specularly reflected power of the floor.
+    pub fn floor_reflectivity(&self) -> f64 {
+        self.finish.floor.specular()
     }
 }
