@@ -7,7 +7,7 @@ use std::path::Path;
 use super::track::read_track;
 use super::{Header, ImportError, RecordingError, RecordingSummary, RecordingWriter, SensorMetadata};
 use a121::Frame;
-use a121::vendor_h5::VendorRecording;
+use a121::vendor_h5::{Unfinished, VendorRecording};
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 
@@ -47,6 +47,7 @@ pub struct Imported {
 pub fn import_h5(frames: &Path, poses: Option<&Path>, options: &ImportOptions) -> Result<Imported, ImportError> {
     let vendor = VendorRecording::read(frames)?;
     warn_about_ignored_parts(frames, &vendor);
+    warn_if_unfinished(frames, &vendor);
     let name = |path: &Path| path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let mut source = format!("import of {}", name(frames));
     let mut track = Vec::new();
@@ -96,6 +97,21 @@ fn warn_about_ignored_parts(path: &Path, vendor: &VendorRecording) {
             contents.sensors
         );
     }
+}
+
+/// Warns of frames that the writer could not finish.
+fn warn_if_unfinished(path: &Path, vendor: &VendorRecording) {
+    let Some(unfinished) = &vendor.unfinished else { return };
+    let Unfinished { not_closed, incomplete_frames, unindexed_bytes } = *unfinished;
+    let what = if not_closed { "was not closed by its writer" } else { "ends within a frame" };
+    let mut text = format!("{} {what}: {} frames recovered", path.display(), vendor.frames.len());
+    if incomplete_frames > 0 {
+        text += &format!(", {incomplete_frames} incomplete ones left out");
+    }
+    if unindexed_bytes > 0 {
+        text += &format!(", {unindexed_bytes} bytes written after the last flush lost");
+    }
+    log::warn!("{text}");
 }
 
 /// Warns of the usual mistake: a track whose times do not start at the first tick.
