@@ -152,7 +152,8 @@ pub struct Unfinished {
 /// A recording of the vendor's tool: the first sensor of the first group of the first session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VendorRecording {
-    /// Configuration of the sensor; breaks no rule of the sensor.
+    /// Configuration of the sensor; breaks no rule of the sensor. Its frame rate is the session's
+    /// update rate where the server paced the frames.
     pub config: SensorConfig,
     /// Ticks of the board's clock per second.
     pub ticks_per_second: u32,
@@ -286,8 +287,11 @@ impl<'a> Reader<'a> {
         };
         let config = first_groups_config(&session, sensor_id)
             .ok_or_else(|| self.layout(at, "holds no configuration in groups[0]"))?;
-        let config: SensorConfig = serde_json::from_value(config.clone())
+        let mut config: SensorConfig = serde_json::from_value(config.clone())
             .map_err(|error| self.layout(at, format!("is unreadable: {error}")))?;
+        // The server paces a session's frames by the update rate or the sensor does by its frame
+        // rate, never both.
+        config.frame_rate = config.frame_rate.or_else(|| session.get("update_rate")?.as_f64());
         match config.validate() {
             Ok(()) => Ok(config),
             Err(source) => Err(VendorFileError::Config { path: self.path.to_owned(), source }),

@@ -127,6 +127,22 @@ fn everything_in_a_file_is_read() {
 }
 
 #[test]
+fn update_rate_of_the_session_is_the_frame_rate() {
+    let with_rates = |update_rate: Value, frame_rate: Option<f64>| {
+        let mut claims = Claims::sound(1);
+        claims.config.frame_rate = frame_rate;
+        let session = serde_json::json!({"update_rate": update_rate, "groups": [{"3": claims.config}]});
+        claims.session_config = Some(session.to_string());
+        read(&claims.file())
+    };
+    assert_eq!(with_rates(Value::Null, None).unwrap().config.frame_rate, None);
+    assert_eq!(with_rates(5.0.into(), None).unwrap().config.frame_rate, Some(5.0));
+    assert_eq!(with_rates(Value::Null, Some(7.0)).unwrap().config.frame_rate, Some(7.0));
+    let error = with_rates((-1.0).into(), None).unwrap_err().to_string();
+    assert!(error.contains("breaks a rule of the sensor"), "{error}");
+}
+
+#[test]
 fn foreign_files_are_rejected_with_a_reason() {
     let of_path = |path: &Path| VendorRecording::read(path).unwrap_err().to_string();
     assert!(of_path(Path::new("/no/such.h5")).contains("cannot read /no/such.h5"));
