@@ -63,6 +63,22 @@ fn csv_and_tum_tracks_give_equal_poses() {
         .fails_with("short.csv, line 4: 2 cells under 8 names");
 }
 
+#[test]
+fn track_too_sparse_for_the_settings_is_reported_with_the_remedy() {
+    let folder = Folder::new("vendor_sparse");
+    folder.write("frames.h5", short_h5());
+    let rows: String = (-3..10).map(|n| format!("{:.1} 0 0 0 0 0 0 1\n", f64::from(n) * 0.1)).collect();
+    folder.write("slow.tum", rows);
+    let finding = "poses come at 10.0 Hz (median spacing 100 ms), tracking.history.max_gap_s joins those within 50 ms. Record the \
+                   poses at 40 Hz or more, or have them joined, less exactly, with --set tracking.history.max_gap_s=0.15.";
+    let imported = folder.run("import frames.h5 --poses slow.tum --out r.mcap").succeeds();
+    assert!(imported.err.contains(finding), "{imported:#?}");
+    folder.run("replay r.mcap").succeeds().prints(&format!("\n60 sweeps have no pose: {finding}\nNo sweep has a pose"));
+    let raised = folder.run("replay r.mcap --set tracking.history.max_gap_s=0.15").succeeds();
+    let raised = raised.prints("60 sweeps imaged, 0 frames without a pose skipped\n\n");
+    assert!(!raised.out.contains("have no pose"), "{raised:#?}");
+}
+
 /// Simulated, written as the vendor's file and a track, imported, replayed with 50 sweeps: distance
 /// to the truth, metres.
 fn error_of_import_m(folder: &Folder, seed: u64) -> f64 {

@@ -83,6 +83,6 @@ pub use map_file::{MAX_ROOMS, MapFile, MapFileError, MapFolder};
 pub use reader::Recording;
 pub use results::wire as results_messages;
 pub use results::{BeamCone, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
-pub use summary::{RecordingSummary, StreamSummary};
+pub use summary::{RecordingSummary, SparsePoses, StreamSummary};
 pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};
 pub use writer::RecordingWriter;
