@@ -66,6 +66,8 @@ mod import;
 mod map_file;
 mod message;
 mod reader;
+#[cfg(test)]
+mod real_scenes;
 mod record;
 mod results;
 mod summary;
