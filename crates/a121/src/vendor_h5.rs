@@ -87,11 +87,8 @@ pub enum VendorFileError {
         /// The HDF5 reader's message.
         reason: String,
     },
-    /// The writer ended without closing the file, and its index is not in it.
-    #[error(
-        "{path} was not closed by its writer (at {at}: {reason}): the index of its frames was never written, so none can \
-         be recovered; record again, and let the vendor's tool stop the recording before it ends"
-    )]
+    /// The writer ended without closing the file, and what is in it cannot be read.
+    #[error("{path} was not closed by its writer (at {at}: {reason}): {remedy}")]
     NotClosed {
         /// The file.
         path: PathBuf,
@@ -99,6 +96,8 @@ pub enum VendorFileError {
         at: String,
         /// What is missing.
         reason: String,
+        /// Text: what is left of the recording, and what to do.
+        remedy: &'static str,
     },
     /// An HDF5 file with another layout than the vendor's exploration tool writes.
     #[error("{path}: {at} {reason}; is it a recording of the vendor's A121 exploration tool?")]
@@ -194,7 +193,10 @@ impl VendorRecording {
         let left_open = superblock::left_open(&bytes);
         catch_unwind(AssertUnwindSafe(|| Reader::open(path, bytes, left_open)?.read()))
             .unwrap_or_else(|_| Err(hdf5_error(path, "/", "the HDF5 reader gave up")))
-            .map_err(|error| if left_open.is_some() { not_closed(error) } else { error })
+            .map_err(|error| match left_open {
+                Some(left_open) => not_closed(error, left_open),
+                None => error,
+            })
     }
 }
 
@@ -455,11 +457,18 @@ fn hdf5_error(path: &Path, at: &str, reason: impl std::fmt::Display) -> VendorFi
     VendorFileError::Hdf5 { path: path.to_owned(), at: format!("`{at}`"), reason: reason.to_string() }
 }
 
-/// The error of a file that was left open: what cannot be read in it was never written.
-fn not_closed(error: VendorFileError) -> VendorFileError {
+/// The error of a file that was left open.
+fn not_closed(error: VendorFileError, left_open: LeftOpen) -> VendorFileError {
+    let remedy = match left_open.has_root {
+        true => "a copy repaired with HDF5's own tools, h5clear and h5repack, may be readable; otherwise record again",
+        false => {
+            "the index of its frames was never written, so none can be recovered; record again, and let the vendor's tool \
+             stop the recording before it ends"
+        }
+    };
     match error {
         VendorFileError::Hdf5 { path, at, reason } | VendorFileError::Layout { path, at, reason } => {
-            VendorFileError::NotClosed { path, at, reason }
+            VendorFileError::NotClosed { path, at, reason, remedy }
         }
         other => other,
     }

@@ -268,6 +268,13 @@ fn flushed_file_that_was_not_closed_is_read_as_far_as_it_goes() {
         let expected = Unfinished { not_closed: true, incomplete_frames: 2, unindexed_bytes };
         assert_eq!(recording.unfinished, Some(expected));
     }
+    // With an index that cannot be read.
+    let mut damaged = sound.clone();
+    let at = damaged.windows(7).position(|name| name == b"session").expect("a group's name");
+    damaged[at] = b'S';
+    damaged.extend([7; 1000]);
+    let message = message(&damaged);
+    assert!(message.contains("not closed by its writer") && message.contains("h5clear and h5repack"), "{message}");
 }
 
 /// The file with this number of frames in the shape of its samples, and the checksum of that.

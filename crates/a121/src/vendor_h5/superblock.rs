@@ -17,6 +17,8 @@ const OPEN_FOR_WRITING: u8 = 1;
 /// A file that its writer did not close.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct LeftOpen {
+    /// Whether the root group was written.
+    pub has_root: bool,
     /// Bytes after the end of what was flushed.
     pub unindexed_bytes: u64,
 }
@@ -40,8 +42,9 @@ pub(super) fn left_open(bytes: &[u8]) -> Option<LeftOpen> {
     let end = superblock.base.checked_add(superblock.end)?;
     let unindexed_bytes = (bytes.len() as u64).saturating_sub(end);
     let is_cut = end > bytes.len() as u64;
-    let root_is_missing = !is_cut && !superblock.has_root(bytes);
-    (superblock.open_for_writing || root_is_missing || unindexed_bytes > 0).then_some(LeftOpen { unindexed_bytes })
+    let has_root = superblock.has_root(bytes);
+    let is_open = superblock.open_for_writing || !(is_cut || has_root) || unindexed_bytes > 0;
+    is_open.then_some(LeftOpen { has_root, unindexed_bytes })
 }
 
 impl Superblock {
