@@ -249,7 +249,7 @@ impl Demo {
         let score = score(&scene, &truth, &Limits::default());
         let mut section = Section::new(act.heading)
             .text(act.text)
-            .preformatted(result_text(&scene, &mapper))
+            .preformatted(result_text(&scene, &mapper, None))
             .preformatted(score.to_string());
         for figure in figures(act, &folder, &image, &scene, &truth, &mapper)? {
             section = section.figure(figure);

@@ -8,6 +8,7 @@ use clap::Args;
 
 use super::files::refuse_overwriting;
 use radar_recording::{ImportOptions, import_h5};
+use radar_sar::HistorySettings;
 use radar_sar::geometry::Pose;
 
 /// Converts a recording of the vendor's exploration tool and a pose track into a recording
@@ -16,14 +17,27 @@ use radar_sar::geometry::Pose;
 /// recording's first tick, metres; `#` starts a comment. Or, where its name ends in .csv, a table
 /// whose first line names the columns, in any order: time_s (or _ms, _us, _ns), x y z (metres, or
 /// x_mm, x_cm), qx qy qz qw, and valid where there is such a column. It gives the poses of what the
-/// sensor is mounted on; without --mount, of the sensor itself (looking along −z).
+/// sensor is mounted on; without --mount, of the sensor itself (looking along −z). For a sensor that
+/// stood still, --fixed-pose gives the same pose throughout.
 #[derive(Debug, Args)]
 pub(super) struct Import {
     /// Recording of the vendor's tool (.h5)
     frames: PathBuf,
-    /// Pose track (TUM, or CSV by its extension); without it the recording has no poses
+    /// Pose track (TUM, or CSV by its extension); without it and --fixed-pose the recording has no
+    /// poses
     #[arg(long, value_name = "TRACK.tum|.csv")]
     poses: Option<PathBuf>,
+    /// The pose of a sensor at rest, instead of a track: x,y,z in metres, or x,y,z,qx,qy,qz,qw;
+    /// without a value the origin
+    #[arg(
+        long,
+        value_name = "x,y,z[,qx,qy,qz,qw]",
+        num_args = 0..=1,
+        default_missing_value = "0,0,0",
+        require_equals = true,
+        conflicts_with = "poses"
+    )]
+    fixed_pose: Option<String>,
     /// Pose of the sensor on the tracked object: x,y,z in metres, or x,y,z,qx,qy,qz,qw
     #[arg(long, value_name = "x,y,z[,qx,qy,qz,qw]", allow_hyphen_values = true)]
     mount: Option<String>,
@@ -40,19 +54,31 @@ impl Import {
         if let Some(mount) = &self.mount {
             options.head_from_sensor = parse_mount(mount)?;
         }
+        if let Some(pose) = &self.fixed_pose {
+            options.fixed_pose = Some(parse_pose("pose", pose)?);
+        }
         let imported = import_h5(&self.frames, self.poses.as_deref(), &options)?;
-        outln!("{}", imported.write(&self.out)?)?;
+        let summary = imported.write(&self.out)?;
+        if let Some(sparse) = summary.sparse_poses(HistorySettings::default().max_gap_s) {
+            log::warn!("{}", sparse.remedy());
+        }
+        outln!("{summary}")?;
         outln!("Written to {}", self.out.display())?;
         Ok(())
     }
 }
 
-/// Parses `x,y,z` or `x,y,z,qx,qy,qz,qw`.
+/// Parses the mount: `x,y,z` or `x,y,z,qx,qy,qz,qw`.
 pub(super) fn parse_mount(text: &str) -> Result<Pose> {
+    parse_pose("mount", text)
+}
+
+/// Parses `x,y,z` or `x,y,z,qx,qy,qz,qw`; `what` is its name in the error.
+fn parse_pose(what: &str, text: &str) -> Result<Pose> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[x, y, z]) => Ok(Pose::try_new([x, y, z], [0.0, 0.0, 0.0, 1.0])?),
         Some(&[x, y, z, qx, qy, qz, qw]) => Ok(Pose::try_new([x, y, z], [qx, qy, qz, qw])?),
-        _ => Err(anyhow!("\"{text}\" is no mount: give x,y,z or x,y,z,qx,qy,qz,qw, numbers in metres")),
+        _ => Err(anyhow!("\"{text}\" is no {what}: give x,y,z or x,y,z,qx,qy,qz,qw, numbers in metres")),
     }
 }

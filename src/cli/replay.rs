@@ -19,7 +19,7 @@ use crate::viewer::Recorder;
 use radar_mapping::Event;
 use radar_mapping::Mapper;
 use radar_mapping::{Observed, Scene};
-use radar_recording::{MapFile, Recording, RecordingSummary};
+use radar_recording::{MapFile, Recording, RecordingSummary, SparsePoses};
 
 /// Runs the mapper over a recording and writes what it finds
 ///
@@ -73,7 +73,7 @@ impl Replay {
             self.work(recording, mapper, &summary, &settings, None)?
         };
         match ended {
-            ReplayEnd::Done(mapper, scene) => self.report(&summary, &mapper, &scene),
+            ReplayEnd::Done(mapper, scene) => self.report(&summary, &settings, &mapper, &scene),
             ReplayEnd::Closed => Ok(outln!("The view was closed before the recording was processed.")?),
         }
     }
@@ -110,9 +110,10 @@ impl Replay {
     }
 
     /// Prints the result and writes it where requested.
-    fn report(&self, summary: &RecordingSummary, mapper: &Mapper, scene: &Scene) -> Result<()> {
+    fn report(&self, summary: &RecordingSummary, settings: &Settings, mapper: &Mapper, scene: &Scene) -> Result<()> {
         let header = &summary.header;
-        outln!("{}", result_text(scene, mapper).trim_end())?;
+        let sparse = summary.sparse_poses(settings.tracking.history.max_gap_s);
+        outln!("{}", result_text(scene, mapper, sparse.as_ref()).trim_end())?;
         let scored = header.truth.as_ref().map(|truth| score(scene, truth, &Limits::default()));
         if let Some(score) = &scored {
             outln!("\nAgainst the truth in the recording:\n{score}")?;
@@ -238,8 +239,8 @@ fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
     Ok(write_ply(&folder.join("shape.ply"), &shape)?)
 }
 
-/// The result of a replay as text.
-pub(super) fn result_text(scene: &Scene, mapper: &Mapper) -> String {
+/// The result of a replay as text. `sparse`: whether its poses are too far apart.
+pub(super) fn result_text(scene: &Scene, mapper: &Mapper, sparse: Option<&SparsePoses>) -> String {
     use std::fmt::Write;
     let streams = mapper.counters().streams;
     let mut text = format!(
@@ -258,6 +259,9 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper) -> String {
     ];
     for (what, count) in left_out.iter().filter(|(_, count)| *count > 0) {
         let _ = writeln!(text, "left out: {count} {what}");
+    }
+    if let Some(sparse) = sparse.filter(|_| streams.sweeps_in_pose_gap > 0) {
+        let _ = writeln!(text, "{} sweeps have no pose: {}", streams.sweeps_in_pose_gap, sparse.remedy());
     }
     if streams.observations == 0 {
         text +=

@@ -63,6 +63,62 @@ fn csv_and_tum_tracks_give_equal_poses() {
         .fails_with("short.csv, line 4: 2 cells under 8 names");
 }
 
+#[test]
+fn track_too_sparse_for_the_settings_is_reported_with_the_remedy() {
+    let folder = Folder::new("vendor_sparse");
+    folder.write("frames.h5", short_h5());
+    let rows: String = (-3..10).map(|n| format!("{:.1} 0 0 0 0 0 0 1\n", f64::from(n) * 0.1)).collect();
+    folder.write("slow.tum", rows);
+    let finding = "poses come at 10.0 Hz (median spacing 100 ms), tracking.history.max_gap_s joins those within 50 ms. Record the \
+                   poses at 40 Hz or more, or have them joined, less exactly, with --set tracking.history.max_gap_s=0.15.";
+    let imported = folder.run("import frames.h5 --poses slow.tum --out r.mcap").succeeds();
+    assert!(imported.err.contains(finding), "{imported:#?}");
+    folder.run("replay r.mcap").succeeds().prints(&format!("\n60 sweeps have no pose: {finding}\nNo sweep has a pose"));
+    let raised = folder.run("replay r.mcap --set tracking.history.max_gap_s=0.15").succeeds();
+    let raised = raised.prints("60 sweeps imaged, 0 frames without a pose skipped\n\n");
+    assert!(!raised.out.contains("have no pose"), "{raised:#?}");
+}
+
+#[test]
+fn sensor_at_rest_is_imported_with_a_fixed_pose() {
+    let folder = Folder::new("vendor_fixed");
+    folder.write("frames.h5", short_h5());
+    for (option, position_m) in
+        [("--fixed-pose", DVec3::ZERO), ("--fixed-pose=-1,1.6,0,0,0,0,1", DVec3::new(-1.0, 1.6, 0.0))]
+    {
+        folder
+            .run(&format!("import frames.h5 {option} --out r.mcap"))
+            .succeeds()
+            .prints("import of frames.h5 at a fixed pose");
+        folder.run("replay r.mcap").succeeds().prints("60 sweeps imaged, 0 frames without a pose skipped\n\n");
+        let recording = Recording::open(folder.path("r.mcap")).unwrap();
+        let poses = recording.filter_map(|event| if let Event::Pose(pose) = event { Some(pose) } else { None });
+        let poses: Vec<_> = poses.collect();
+        assert!(poses.len() >= 150 && poses.iter().all(|pose| pose.position_m == position_m.to_array()), "{option}");
+    }
+    folder.run("import frames.h5 --fixed-pose=1,2 --out r.mcap").fails_with("\"1,2\" is no pose: give x,y,z or");
+    folder.write("track.tum", "0 0 0 0 0 0 0 1\n");
+    folder.run("import frames.h5 --fixed-pose --poses track.tum --out r.mcap").fails_with("cannot be used with");
+}
+
+#[test]
+fn interrupted_file_is_imported_as_far_as_it_goes_or_refused_as_not_closed() {
+    let folder = Folder::new("vendor_not_closed");
+    let mut grown = short_h5();
+    grown.extend([7; 100]);
+    folder.write("grown.h5", grown);
+    let imported = folder.run("import grown.h5 --out r.mcap").succeeds().prints("Frames     60 over");
+    let says =
+        "grown.h5 was not closed by its writer: 60 frames recovered, 100 bytes written after the last flush lost";
+    assert!(imported.err.contains(says), "{imported:#?}");
+    // A superblock as at the creation of the file, then nothing.
+    let mut never_flushed = b"\x89HDF\r\n\x1a\n\0\0\0\0\0\x08\x08\0\x04\0\x10\0\x01\0\0\0".to_vec();
+    never_flushed.extend([0, u64::MAX, 2048, u64::MAX, 0, 96, 1, 136, 680].into_iter().flat_map(u64::to_le_bytes));
+    never_flushed.resize(8328, 0);
+    folder.write("never.h5", never_flushed);
+    folder.run("import never.h5 --out r.mcap").fails_with("never.h5 was not closed by its writer");
+}
+
 /// Simulated, written as the vendor's file and a track, imported, replayed with 50 sweeps: distance
 /// to the truth, metres.
 fn error_of_import_m(folder: &Folder, seed: u64) -> f64 {

@@ -6,6 +6,12 @@
 //! point] of {real, imag: i16}, and per frame `tick`, `temperature` and three flags. There are no
 //! host times: a frame's time is its tick, counted from the first one.
 //!
+//! The vendor's tool writes the index of a file (groups, shapes, places of the chunks) and its JSON
+//! texts when it closes the file. What is on the disk before that are compressed chunks without
+//! configuration, ticks and order, of which no frame can be made; such a file is refused as
+//! [not closed](VendorFileError::NotClosed). A file that was flushed holds everything up to then and
+//! is read as far as it goes: see [`Unfinished`].
+//!
 //! Nothing in a file is trusted: each length is compared with the configuration, with the size of
 //! the file and with a limit before memory is taken.
 //!
@@ -18,6 +24,8 @@
 //! # Ok::<(), a121::vendor_h5::VendorFileError>(())
 //! ```
 
+mod superblock;
+
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -26,6 +34,7 @@ use hdf5_pure::{Dataset, Datatype, File, VlenStringReadOptions, make_i16_type};
 use serde::Deserialize;
 use serde_json::Value;
 
+use self::superblock::LeftOpen;
 use crate::layout::sample_from_le_bytes;
 use crate::{ConfigError, Frame, SensorConfig};
 
@@ -78,6 +87,18 @@ pub enum VendorFileError {
         /// The HDF5 reader's message.
         reason: String,
     },
+    /// The writer ended without closing the file, and what is in it cannot be read.
+    #[error("{path} was not closed by its writer (at {at}: {reason}): {remedy}")]
+    NotClosed {
+        /// The file.
+        path: PathBuf,
+        /// The object in the file.
+        at: String,
+        /// What is missing.
+        reason: String,
+        /// Text: what is left of the recording, and what to do.
+        remedy: &'static str,
+    },
     /// An HDF5 file with another layout than the vendor's exploration tool writes.
     #[error("{path}: {at} {reason}; is it a recording of the vendor's A121 exploration tool?")]
     Layout {
@@ -116,10 +137,22 @@ impl Contents {
     }
 }
 
+/// What is missing at the end of a recording whose writer was interrupted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Unfinished {
+    /// Whether the writer did not close the file; otherwise it stopped between the parts of a frame.
+    pub not_closed: bool,
+    /// Frames that lack some of their parts, or whose space was reserved and never written.
+    pub incomplete_frames: u64,
+    /// Bytes after the end of what was flushed; the index does not cover them.
+    pub unindexed_bytes: u64,
+}
+
 /// A recording of the vendor's tool: the first sensor of the first group of the first session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VendorRecording {
-    /// Configuration of the sensor; breaks no rule of the sensor.
+    /// Configuration of the sensor; breaks no rule of the sensor. Its frame rate is the session's
+    /// update rate where the server paced the frames.
     pub config: SensorConfig,
     /// Ticks of the board's clock per second.
     pub ticks_per_second: u32,
@@ -133,6 +166,8 @@ pub struct VendorRecording {
     pub frames: Vec<Frame>,
     /// What the file holds.
     pub contents: Contents,
+    /// What is missing at its end; `None` if the writer finished it.
+    pub unfinished: Option<Unfinished>,
 }
 
 impl VendorRecording {
@@ -155,8 +190,13 @@ impl VendorRecording {
         file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io_error)?;
         // The file is untrusted and the parser is a third-party crate: a panic in it counts as an
         // unreadable file.
-        catch_unwind(AssertUnwindSafe(|| Reader::open(path, bytes)?.read()))
+        let left_open = superblock::left_open(&bytes);
+        catch_unwind(AssertUnwindSafe(|| Reader::open(path, bytes, left_open)?.read()))
             .unwrap_or_else(|_| Err(hdf5_error(path, "/", "the HDF5 reader gave up")))
+            .map_err(|error| match left_open {
+                Some(left_open) => not_closed(error, left_open),
+                None => error,
+            })
     }
 }
 
@@ -178,13 +218,14 @@ struct Reader<'a> {
     path: &'a Path,
     file: File,
     file_bytes: u64,
+    left_open: Option<LeftOpen>,
 }
 
 impl<'a> Reader<'a> {
-    fn open(path: &'a Path, bytes: Vec<u8>) -> Result<Self, VendorFileError> {
+    fn open(path: &'a Path, bytes: Vec<u8>, left_open: Option<LeftOpen>) -> Result<Self, VendorFileError> {
         let file_bytes = bytes.len() as u64;
         match File::from_bytes(bytes) {
-            Ok(file) => Ok(Self { path, file, file_bytes }),
+            Ok(file) => Ok(Self { path, file, file_bytes, left_open }),
             Err(error) => Err(hdf5_error(path, "/", error)),
         }
     }
@@ -198,7 +239,12 @@ impl<'a> Reader<'a> {
         let entry = format!("{session}/group_0/entry_0");
         let metadata: EntryMetadata = self.json(&format!("{entry}/metadata"))?;
         let config = self.config(&format!("{session}/session_config"), &format!("{entry}/sensor_id"))?;
-        let frames = self.frames(&format!("{entry}/result"), &config, server.ticks_per_second)?;
+        let (frames, incomplete_frames) = self.frames(&format!("{entry}/result"), &config, server.ticks_per_second)?;
+        let unfinished = (self.left_open.is_some() || incomplete_frames > 0).then(|| Unfinished {
+            not_closed: self.left_open.is_some(),
+            incomplete_frames,
+            unindexed_bytes: self.left_open.map_or(0, |left_open| left_open.unindexed_bytes),
+        });
         Ok(VendorRecording {
             config,
             ticks_per_second: server.ticks_per_second,
@@ -207,6 +253,7 @@ impl<'a> Reader<'a> {
             rss_version: server.rss_version,
             frames,
             contents: self.contents(session),
+            unfinished,
         })
     }
 
@@ -236,25 +283,56 @@ impl<'a> Reader<'a> {
     /// The configuration of the entry's sensor in the session's first group.
     fn config(&self, at: &str, sensor_id_at: &str) -> Result<SensorConfig, VendorFileError> {
         let session: Value = self.json(at)?;
-        let sensor_id = self.integers(sensor_id_at, 1)?[0];
+        let sensor_id = self.integers(sensor_id_at)?;
+        let &[sensor_id] = sensor_id.as_slice() else {
+            return Err(self.layout(sensor_id_at, format!("has {} values, not 1", sensor_id.len())));
+        };
         let config = first_groups_config(&session, sensor_id)
             .ok_or_else(|| self.layout(at, "holds no configuration in groups[0]"))?;
-        let config: SensorConfig = serde_json::from_value(config.clone())
+        let mut config: SensorConfig = serde_json::from_value(config.clone())
             .map_err(|error| self.layout(at, format!("is unreadable: {error}")))?;
+        // The server paces a session's frames by the update rate or the sensor does by its frame
+        // rate, never both.
+        config.frame_rate = config.frame_rate.or_else(|| session.get("update_rate")?.as_f64());
         match config.validate() {
             Ok(()) => Ok(config),
             Err(source) => Err(VendorFileError::Config { path: self.path.to_owned(), source }),
         }
     }
 
-    fn frames(&self, at: &str, config: &SensorConfig, ticks_per_second: u32) -> Result<Vec<Frame>, VendorFileError> {
-        let (count, samples) = self.samples(&format!("{at}/frame"), config)?;
-        let ticks = self.integers(&format!("{at}/tick"), count)?;
-        let temperatures = self.integers(&format!("{at}/temperature"), count)?;
-        let data_saturated = self.flags(&format!("{at}/data_saturated"), count)?;
-        let frame_delayed = self.flags(&format!("{at}/frame_delayed"), count)?;
-        let calibration_needed = self.flags(&format!("{at}/calibration_needed"), count)?;
-        let frames = samples.chunks_exact(config.points_per_frame() * 4).enumerate().map(|(index, bytes)| {
+    /// The complete frames, and the number of incomplete ones after them.
+    fn frames(
+        &self,
+        at: &str,
+        config: &SensorConfig,
+        ticks_per_second: u32,
+    ) -> Result<(Vec<Frame>, u64), VendorFileError> {
+        let (stored, samples) = self.samples(&format!("{at}/frame"), config)?;
+        let ticks = self.integers(&format!("{at}/tick"))?;
+        let temperatures = self.integers(&format!("{at}/temperature"))?;
+        let data_saturated = self.flags(&format!("{at}/data_saturated"))?;
+        let frame_delayed = self.flags(&format!("{at}/frame_delayed"))?;
+        let calibration_needed = self.flags(&format!("{at}/calibration_needed"))?;
+        // The writer extends one data set after the other; one that is interrupted leaves them of
+        // unequal length.
+        let lengths = [
+            stored,
+            ticks.len(),
+            temperatures.len(),
+            data_saturated.len(),
+            frame_delayed.len(),
+            calibration_needed.len(),
+        ];
+        let (shortest, longest) = lengths.iter().fold((stored, stored), |(a, b), &n| (a.min(n), b.max(n)));
+        let frame_bytes = config.points_per_frame() * 4;
+        let is_written = |index: usize| {
+            // Space that was reserved and never written reads as 0. Only a first tick is 0, and the
+            // samples of a whole frame have noise.
+            let samples = &samples[index * frame_bytes..(index + 1) * frame_bytes];
+            (index == 0 || ticks[index] != 0) && samples.iter().any(|&byte| byte != 0)
+        };
+        let count = (0..shortest).rev().find(|&index| is_written(index)).map_or(0, |last| last + 1);
+        let frames = samples.chunks_exact(frame_bytes).take(count).enumerate().map(|(index, bytes)| {
             Ok(Frame {
                 tick: ticks[index],
                 host_time_ns: time_ns(ticks[index], ticks[0], ticks_per_second)
@@ -268,7 +346,7 @@ impl<'a> Reader<'a> {
                 samples: bytes.as_chunks::<4>().0.iter().map(|&sample| sample_from_le_bytes(sample)).collect(),
             })
         });
-        frames.collect()
+        Ok((frames.collect::<Result<_, _>>()?, (longest - count) as u64))
     }
 
     /// Number of frames, and all samples as stored: real, imaginary, little-endian i16.
@@ -323,31 +401,31 @@ impl<'a> Reader<'a> {
         too_big_unless(chunk_bytes <= MAX_CHUNK_BYTES, self.path, at, chunk_bytes, MAX_CHUNK_BYTES)
     }
 
-    /// This many integers, or a scalar.
-    fn integers(&self, at: &str, count: usize) -> Result<Vec<i64>, VendorFileError> {
+    /// Integers of a list or a scalar.
+    fn integers(&self, at: &str) -> Result<Vec<i64>, VendorFileError> {
         let dataset = self.dataset(at)?;
-        self.check_count(at, &dataset, count)?;
-        self.check_size(at, &dataset, count as u64)?;
+        let count = self.count(at, &dataset)?;
+        self.check_size(at, &dataset, count)?;
         let values = dataset.read_i64().map_err(|error| hdf5_error(self.path, at, error))?;
         self.counted(at, values, count)
     }
 
-    /// This many booleans, stored as one byte each.
-    fn flags(&self, at: &str, count: usize) -> Result<Vec<bool>, VendorFileError> {
+    /// Booleans, stored as one byte each.
+    fn flags(&self, at: &str) -> Result<Vec<bool>, VendorFileError> {
         let dataset = self.dataset(at)?;
-        self.check_count(at, &dataset, count)?;
-        let bytes = self.raw(at, &dataset, count as u64)?;
+        let count = self.count(at, &dataset)?;
+        let bytes = self.raw(at, &dataset, count)?;
         self.counted(at, bytes.iter().map(|&b| b != 0).collect(), count)
     }
 
-    fn check_count(&self, at: &str, dataset: &Dataset, count: usize) -> Result<(), VendorFileError> {
+    /// Number of values by the shape.
+    fn count(&self, at: &str, dataset: &Dataset) -> Result<u64, VendorFileError> {
         let shape = dataset.shape().map_err(|error| hdf5_error(self.path, at, error))?;
-        let held = shape.iter().fold(1u64, |held, &edge| held.saturating_mul(edge));
-        if held == count as u64 { Ok(()) } else { Err(self.layout(at, format!("has {held} values, not {count}"))) }
+        Ok(shape.iter().fold(1u64, |held, &edge| held.saturating_mul(edge)))
     }
 
-    fn counted<T>(&self, at: &str, values: Vec<T>, count: usize) -> Result<Vec<T>, VendorFileError> {
-        match values.len() == count {
+    fn counted<T>(&self, at: &str, values: Vec<T>, count: u64) -> Result<Vec<T>, VendorFileError> {
+        match values.len() as u64 == count {
             true => Ok(values),
             false => Err(self.layout(at, format!("gives {} values, not {count}", values.len()))),
         }
@@ -355,8 +433,10 @@ impl<'a> Reader<'a> {
 
     fn json<T: for<'de> Deserialize<'de>>(&self, at: &str) -> Result<T, VendorFileError> {
         let dataset = self.dataset(at)?;
-        self.check_count(at, &dataset, 1)?;
-        self.check_size(at, &dataset, 1)?;
+        match self.count(at, &dataset)? {
+            1 => self.check_size(at, &dataset, 1)?,
+            count => return Err(self.layout(at, format!("has {count} values, not 1"))),
+        }
         let limits = VlenStringReadOptions::new().with_max_elements(1).with_max_payload_bytes(MAX_TEXT_BYTES);
         let texts = dataset.read_vlen_strings(limits).or_else(|_| dataset.read_string());
         let texts = texts.map_err(|error| hdf5_error(self.path, at, error))?;
@@ -375,6 +455,23 @@ impl<'a> Reader<'a> {
 
 fn hdf5_error(path: &Path, at: &str, reason: impl std::fmt::Display) -> VendorFileError {
     VendorFileError::Hdf5 { path: path.to_owned(), at: format!("`{at}`"), reason: reason.to_string() }
+}
+
+/// The error of a file that was left open.
+fn not_closed(error: VendorFileError, left_open: LeftOpen) -> VendorFileError {
+    let remedy = match left_open.has_root {
+        true => "a copy repaired with HDF5's own tools, h5clear and h5repack, may be readable; otherwise record again",
+        false => {
+            "the index of its frames was never written, so none can be recovered; record again, and let the vendor's tool \
+             stop the recording before it ends"
+        }
+    };
+    match error {
+        VendorFileError::Hdf5 { path, at, reason } | VendorFileError::Layout { path, at, reason } => {
+            VendorFileError::NotClosed { path, at, reason, remedy }
+        }
+        other => other,
+    }
 }
 
 fn too_big_unless(fits: bool, path: &Path, what: &str, bytes: u64, max: u64) -> Result<(), VendorFileError> {

@@ -127,6 +127,22 @@ fn everything_in_a_file_is_read() {
 }
 
 #[test]
+fn update_rate_of_the_session_is_the_frame_rate() {
+    let with_rates = |update_rate: Value, frame_rate: Option<f64>| {
+        let mut claims = Claims::sound(1);
+        claims.config.frame_rate = frame_rate;
+        let session = serde_json::json!({"update_rate": update_rate, "groups": [{"3": claims.config}]});
+        claims.session_config = Some(session.to_string());
+        read(&claims.file())
+    };
+    assert_eq!(with_rates(Value::Null, None).unwrap().config.frame_rate, None);
+    assert_eq!(with_rates(5.0.into(), None).unwrap().config.frame_rate, Some(5.0));
+    assert_eq!(with_rates(Value::Null, Some(7.0)).unwrap().config.frame_rate, Some(7.0));
+    let error = with_rates((-1.0).into(), None).unwrap_err().to_string();
+    assert!(error.contains("breaks a rule of the sensor"), "{error}");
+}
+
+#[test]
 fn foreign_files_are_rejected_with_a_reason() {
     let of_path = |path: &Path| VendorRecording::read(path).unwrap_err().to_string();
     assert!(of_path(Path::new("/no/such.h5")).contains("cannot read /no/such.h5"));
@@ -146,7 +162,7 @@ fn claims_that_contradict_each_other_are_rejected_with_their_values() {
         message(&claims.file())
     };
     type Case = (fn(&mut Claims), &'static str);
-    let cases: [Case; 11] = [
+    let cases: [Case; 10] = [
         (|c| c.server = "{}", "`server_info` is not the expected JSON"),
         (|c| c.server = r#"{"ticks_per_second": 0}"#, "has 0 ticks_per_second"),
         (|c| c.session_config = Some("{}".into()), "holds no configuration in groups[0]"),
@@ -155,7 +171,6 @@ fn claims_that_contradict_each_other_are_rejected_with_their_values() {
         (|c| c.config.sweeps_per_frame += 1, "samples a frame; its configuration says"),
         (|c| c.shape = vec![c.samples()], "not [frame, sweep, point]"),
         (|c| c.names = ["imag", "real"], "another type than {real: i16, imag: i16}"),
-        (|c| c.ticks.truncate(3), "has 3 values, not 4"),
         (|c| c.temperatures[2] = 1 << 20, "[2] is 1048576 °C"),
         (|c| c.ticks[3] = i64::MAX, "result/tick` [3] is 9223372036854775807"),
     ];
@@ -163,6 +178,103 @@ fn claims_that_contradict_each_other_are_rejected_with_their_values() {
         let message = refused(change);
         assert!(message.contains(says), "{message}");
     }
+}
+
+#[test]
+fn frames_that_lack_parts_are_left_out_and_counted() {
+    let cases: [(fn(&mut Claims), usize, u64); 6] = [
+        (|_| {}, 5, 0),
+        (|c| c.ticks.truncate(3), 3, 2),
+        (|c| c.temperatures.truncate(0), 0, 5),
+        (|c| c.ticks.push(900), 5, 1),
+        // Reserved and never written.
+        (|c| c.ticks[3..].fill(0), 3, 2),
+        (|c| c.temperatures[3..].fill(0), 5, 0),
+    ];
+    for (case, (change, frames, incomplete_frames)) in cases.into_iter().enumerate() {
+        let mut claims = Claims::sound(5);
+        change(&mut claims);
+        let recording = read(&claims.file()).unwrap();
+        assert_eq!(recording.frames.len(), frames, "case {case}");
+        let expected = Unfinished { not_closed: false, incomplete_frames, unindexed_bytes: 0 };
+        assert_eq!(recording.unfinished, (incomplete_frames > 0).then_some(expected), "case {case}");
+    }
+}
+
+/// What h5py 3.16 with HDF5 2.0 leaves when the process ends before the file is closed or flushed:
+/// the superblock as at the creation, zeros, and the chunks that did not fit its cache.
+fn never_flushed(latest: bool, chunks: &[u8]) -> Vec<u8> {
+    const UNDEFINED: [u8; 8] = [0xff; 8];
+    let address = |address: u64| address.to_le_bytes();
+    let mut file = b"\x89HDF\r\n\x1a\n".to_vec();
+    if latest {
+        // Version 3, sizes, open for writing; base, extension, end, root, checksum.
+        file.extend([3, 8, 8, 1]);
+        file.extend([address(0), UNDEFINED, address(0x800), address(0x30)].concat());
+        file.extend([0x58, 0x55, 0x84, 0xba]);
+    } else {
+        // Version 0, sizes, widths of trees, flags; base, free space, end, driver; the root's name
+        // and header, and where its tree and heap will be.
+        file.extend([0, 0, 0, 0, 0, 8, 8, 0, 4, 0, 16, 0, 1, 0, 0, 0]);
+        file.extend([address(0), UNDEFINED, address(0x800), UNDEFINED].concat());
+        file.extend([address(0), address(0x60), address(1), address(0x88), address(0x2a8)].concat());
+    }
+    file.resize(8328, 0);
+    file.extend(chunks);
+    file
+}
+
+#[test]
+fn file_that_was_never_flushed_is_refused_as_not_closed() {
+    // A compressed chunk: an empty stream of zlib will do.
+    let chunk = b"\x78\x5e\x03\x00\x00\x00\x00\x01".repeat(1000);
+    for (latest, chunks) in [(false, &[][..]), (false, &chunk), (true, &[]), (true, &chunk)] {
+        let error = read(&never_flushed(latest, chunks)).unwrap_err();
+        assert!(matches!(error, VendorFileError::NotClosed { .. }), "{error}");
+        let message = error.to_string();
+        for says in ["was not closed by its writer", "none can be recovered", "record again"] {
+            assert!(message.contains(says), "{message}");
+        }
+    }
+    // Cut off, or damaged: it was closed.
+    let sound = Claims::sound(3).file();
+    assert!(matches!(read(&sound[..sound.len() - 1]), Err(VendorFileError::Hdf5 { .. })));
+    assert_survives_damage("never flushed", &never_flushed(false, &chunk));
+}
+
+/// The checksum of a version 2 or 3 superblock, as the reader computes it.
+fn with_fixed_superblock(mut bytes: Vec<u8>) -> Vec<u8> {
+    let message = message(&bytes);
+    let (_, computed) = message.split_once("computed 0x").expect("a checksum");
+    let sum = u32::from_str_radix(&computed[..8], 16).expect("a checksum");
+    bytes[44..48].copy_from_slice(&sum.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn flushed_file_that_was_not_closed_is_read_as_far_as_it_goes() {
+    let claims = Claims { ticks: vec![500, 515, 530], ..Claims::sound(5) };
+    let sound = claims.file();
+    assert!(matches!(sound[8], 2 | 3), "the version of the superblock is {}", sound[8]);
+    // Chunks that were written after the flush.
+    let mut grown = sound.clone();
+    grown.extend([7; 1000]);
+    let mut marked = sound.clone();
+    marked[8] = 3;
+    marked[11] |= 1;
+    for (bytes, unindexed_bytes) in [(grown, 1000), (with_fixed_superblock(marked), 0)] {
+        let recording = read(&bytes).unwrap();
+        assert_eq!(recording.frames.len(), 3);
+        let expected = Unfinished { not_closed: true, incomplete_frames: 2, unindexed_bytes };
+        assert_eq!(recording.unfinished, Some(expected));
+    }
+    // With an index that cannot be read.
+    let mut damaged = sound.clone();
+    let at = damaged.windows(7).position(|name| name == b"session").expect("a group's name");
+    damaged[at] = b'S';
+    damaged.extend([7; 1000]);
+    let message = message(&damaged);
+    assert!(message.contains("not closed by its writer") && message.contains("h5clear and h5repack"), "{message}");
 }
 
 /// The file with this number of frames in the shape of its samples, and the checksum of that.

@@ -93,6 +93,18 @@ pub enum ImportError {
         /// The limit, bytes.
         max: u64,
     },
+    /// A recording that is too long for poses of a sensor at rest.
+    #[error(
+        "{path} lasts {span_s:.0} s by its ticks; a fixed pose is given for at most {max_s:.0} s: give a track instead"
+    )]
+    TooLongAtRest {
+        /// The file.
+        path: PathBuf,
+        /// Time between its first and last frame, seconds.
+        span_s: f64,
+        /// The limit, seconds.
+        max_s: f64,
+    },
     /// An invalid line of a track.
     #[error("{path}, line {line}: {reason}; {example}")]
     TrackLine {

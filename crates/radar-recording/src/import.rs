@@ -6,10 +6,20 @@ use std::path::Path;
 
 use super::track::read_track;
 use super::{Header, ImportError, RecordingError, RecordingSummary, RecordingWriter, SensorMetadata};
-use a121::Frame;
-use a121::vendor_h5::VendorRecording;
+use a121::vendor_h5::{Unfinished, VendorRecording};
+use a121::{Frame, frame_timing};
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
+
+/// Interval of the poses of a sensor at rest, nanoseconds. Choice: 100 Hz, as of a headset; any
+/// below the limit of the settings gives the same.
+const STEP_AT_REST_NS: usize = 10_000_000;
+/// How far these poses reach beyond the frames, seconds. Choice: the longest smoothing window of the
+/// settings.
+const MARGIN_AT_REST_S: f64 = 0.5;
+/// Longest recording that gets these poses, seconds. Choice: a day; the ticks of a longer one are
+/// damaged, and its poses would take a gigabyte.
+const MAX_AT_REST_S: f64 = 86_400.0;
 
 /// Information that the files do not contain.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,12 +28,14 @@ pub struct ImportOptions {
     pub head_from_sensor: Pose,
     /// The program's settings, for the header.
     pub settings: String,
+    /// A sensor at rest: the pose of the tracked object throughout, instead of a track.
+    pub fixed_pose: Option<Pose>,
 }
 
 impl Default for ImportOptions {
     /// Options for a track of the sensor itself.
     fn default() -> Self {
-        Self { head_from_sensor: Pose::IDENTITY, settings: String::new() }
+        Self { head_from_sensor: Pose::IDENTITY, settings: String::new(), fixed_pose: None }
     }
 }
 
@@ -39,7 +51,7 @@ pub struct Imported {
 }
 
 /// Reads the vendor's .h5 and, if given, a track with times since the first tick: TUM, or CSV if
-/// its name ends in `.csv`.
+/// its name ends in `.csv`. A track has precedence over a fixed pose.
 ///
 /// # Errors
 /// A file that is of another format, damaged, too big or breaks a rule of the sensor; an invalid
@@ -47,6 +59,7 @@ pub struct Imported {
 pub fn import_h5(frames: &Path, poses: Option<&Path>, options: &ImportOptions) -> Result<Imported, ImportError> {
     let vendor = VendorRecording::read(frames)?;
     warn_about_ignored_parts(frames, &vendor);
+    warn_if_unfinished(frames, &vendor);
     let name = |path: &Path| path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let mut source = format!("import of {}", name(frames));
     let mut track = Vec::new();
@@ -54,6 +67,9 @@ pub fn import_h5(frames: &Path, poses: Option<&Path>, options: &ImportOptions) -
         track = read_track(path)?;
         source += &format!(" and {}", name(path));
         warn_if_no_overlap(&vendor.frames, &track);
+    } else if let Some(pose) = &options.fixed_pose {
+        track = track_at_rest(frames, &vendor, pose)?;
+        source += " at a fixed pose";
     }
     let mut header = Header::new(source, vendor.config, options.head_from_sensor);
     header.sensor = SensorMetadata {
@@ -85,6 +101,21 @@ impl Imported {
     }
 }
 
+/// The same pose all along the frames, and before and after them as far as their sweeps and the
+/// smoothing reach.
+fn track_at_rest(path: &Path, vendor: &VendorRecording, pose: &Pose) -> Result<Vec<PoseSample>, ImportError> {
+    let times = vendor.frames.iter().map(|frame| frame.host_time_ns);
+    let (Some(first_ns), Some(last_ns)) = (times.clone().min(), times.max()) else { return Ok(Vec::new()) };
+    let span_s = (last_ns as f64 - first_ns as f64) * 1e-9;
+    if span_s > MAX_AT_REST_S {
+        return Err(ImportError::TooLongAtRest { path: path.to_owned(), span_s, max_s: MAX_AT_REST_S });
+    }
+    let before_ns = ((frame_timing(&vendor.config).frame_period_s + MARGIN_AT_REST_S) * 1e9).round() as i64;
+    let after_ns = (MARGIN_AT_REST_S * 1e9).round() as i64;
+    let times_ns = (first_ns.saturating_sub(before_ns)..=last_ns.saturating_add(after_ns)).step_by(STEP_AT_REST_NS);
+    Ok(times_ns.map(|time_ns| PoseSample::valid(time_ns, pose)).collect())
+}
+
 fn warn_about_ignored_parts(path: &Path, vendor: &VendorRecording) {
     let contents = &vendor.contents;
     if contents.has_more() {
@@ -96,6 +127,21 @@ fn warn_about_ignored_parts(path: &Path, vendor: &VendorRecording) {
             contents.sensors
         );
     }
+}
+
+/// Warns of frames that the writer could not finish.
+fn warn_if_unfinished(path: &Path, vendor: &VendorRecording) {
+    let Some(unfinished) = &vendor.unfinished else { return };
+    let Unfinished { not_closed, incomplete_frames, unindexed_bytes } = *unfinished;
+    let what = if not_closed { "was not closed by its writer" } else { "ends within a frame" };
+    let mut text = format!("{} {what}: {} frames recovered", path.display(), vendor.frames.len());
+    if incomplete_frames > 0 {
+        text += &format!(", {incomplete_frames} incomplete ones left out");
+    }
+    if unindexed_bytes > 0 {
+        text += &format!(", {unindexed_bytes} bytes written after the last flush lost");
+    }
+    log::warn!("{text}");
 }
 
 /// Warns of the usual mistake: a track whose times do not start at the first tick.
@@ -122,9 +168,20 @@ fn warn_if_no_overlap(frames: &[Frame], poses: &[PoseSample]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_files::{TestFile, assert_same, real_recording};
+    use a121::preset;
+    use a121::vendor_h5::Contents;
+    use glam::{DQuat, DVec3};
+
+    use super::super::test_files::{TestFile, assert_same, events, real_recording};
     use super::super::{Recording, RecordingSummary};
     use super::*;
+
+    fn frames(seconds: i64) -> Vec<Frame> {
+        events(seconds)
+            .into_iter()
+            .filter_map(|e| if let Event::Frame(frame) = e { Some(frame) } else { None })
+            .collect()
+    }
 
     #[test]
     #[ignore = "needs the vendor's recordings in ../shared/recordings"]
@@ -147,6 +204,33 @@ mod tests {
         assert_same(&events, &imported.events().collect::<Vec<_>>());
         assert!(events.windows(2).all(|w| w[0].time_ns() <= w[1].time_ns()));
         assert_eq!(written, RecordingSummary::read(&file.0).unwrap());
+    }
+
+    #[test]
+    fn sensor_at_rest_gets_poses_beyond_all_its_frames() {
+        let at = |seconds: f64| Frame { host_time_ns: (seconds * 1e9) as i64, ..frames(1).remove(0) };
+        let vendor = |frames| VendorRecording {
+            config: preset("c16").unwrap(),
+            ticks_per_second: 1000,
+            base_step_length_m: None,
+            board: None,
+            rss_version: None,
+            frames,
+            contents: Contents { sessions: 1, groups: 1, sensors: 1 },
+            unfinished: None,
+        };
+        let pose = Pose::new(DVec3::new(0.0, 1.6, 0.0), DQuat::from_rotation_y(0.3));
+        let path = Path::new("frames.h5");
+        let track = track_at_rest(path, &vendor(vec![at(0.0), at(2.0)]), &pose).unwrap();
+        assert!(track[0].time_ns <= -500_000_000 && track.last().unwrap().time_ns > 2_490_000_000);
+        assert!(track.windows(2).all(|pair| pair[1].time_ns - pair[0].time_ns == 10_000_000));
+        assert!(track.iter().all(|sample| *sample == PoseSample::valid(sample.time_ns, &pose)));
+        assert!(track_at_rest(path, &vendor(vec![]), &pose).unwrap().is_empty());
+        // Ticks are untrusted.
+        for end_s in [86_401.0, 9e9, -9e9] {
+            let error = track_at_rest(path, &vendor(vec![at(0.0), at(end_s)]), &pose).unwrap_err().to_string();
+            assert!(error.starts_with("frames.h5 lasts "), "{error}");
+        }
     }
 
     #[test]

@@ -66,6 +66,8 @@ mod import;
 mod map_file;
 mod message;
 mod reader;
+#[cfg(test)]
+mod real_scenes;
 mod record;
 mod results;
 mod summary;
@@ -83,6 +85,6 @@ pub use map_file::{MAX_ROOMS, MapFile, MapFileError, MapFolder};
 pub use reader::Recording;
 pub use results::wire as results_messages;
 pub use results::{BeamCone, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
-pub use summary::{RecordingSummary, StreamSummary};
+pub use summary::{RecordingSummary, SparsePoses, StreamSummary};
 pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};
 pub use writer::RecordingWriter;

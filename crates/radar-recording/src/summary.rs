@@ -9,11 +9,15 @@ use a121::{Frame, Subsweep, frame_timing};
 use radar_mapping::HandsSample;
 use radar_mapping::range_axis;
 use radar_sar::geometry::Pose;
-use radar_sar::{HistorySettings, PoseSample};
+use radar_sar::{BoundedSettings, HistorySettings, PoseSample};
 
 /// An interval longer than this many median intervals is a gap. Choice: one missing entry and late
 /// neighbours are no gap, two missing ones are.
 const GAP_FACTOR: f64 = 2.5;
+/// Share of the poses' intervals above the limit from which on the poses are too sparse, rather than
+/// interrupted. Choice: interruptions are fewer, and of poses at the limit's rate with jitter half are
+/// above it.
+const MIN_SPARSE_SHARE: f64 = 0.25;
 
 /// Summary of a recording.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,6 +103,11 @@ impl StreamSummary {
         self.median_interval_s().map_or(least_s, |usual_s| least_s.max(GAP_FACTOR * usual_s))
     }
 
+    /// Number of intervals longer than this, seconds.
+    fn intervals_above(&self, limit_s: f64) -> usize {
+        self.intervals_ns.iter().filter(|&&ns| ns as f64 * 1e-9 > limit_s).count()
+    }
+
     /// Number of gaps, and the longest one in seconds: intervals above `least_s` and 2.5 times the
     /// median.
     pub fn gaps(&self, least_s: f64) -> (usize, f64) {
@@ -106,6 +115,47 @@ impl StreamSummary {
         let gaps_s = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s > border_s);
         gaps_s.fold((0, 0.0), |(count, longest), s| (count + 1, f64::max(longest, s)))
     }
+}
+
+/// Poses that come too rarely to be joined: sweeps between them have none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SparsePoses {
+    /// Median interval of the poses, seconds.
+    pub interval_s: f64,
+    /// Longest interval across which they are joined, the setting `tracking.history.max_gap_s`.
+    pub max_gap_s: f64,
+}
+
+impl SparsePoses {
+    /// What happened and what to do.
+    pub fn remedy(&self) -> String {
+        let Self { interval_s, max_gap_s } = *self;
+        // One pose may be missing, or late by half an interval.
+        let (rate_hz, gap_s) = ((2.0 / max_gap_s).ceil(), (interval_s * 150.0 - 1e-6).ceil() / 100.0);
+        let mut text = format!("{self}. Record the poses at {rate_hz} Hz or more");
+        if gap_s <= max_gap_limit_s() {
+            text += &format!(", or have them joined, less exactly, with --set tracking.history.max_gap_s={gap_s}");
+        }
+        text + "."
+    }
+}
+
+impl fmt::Display for SparsePoses {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { interval_s, max_gap_s } = self;
+        write!(
+            f,
+            "poses come at {:.1} Hz (median spacing {:.0} ms), tracking.history.max_gap_s joins those within {:.0} ms",
+            1.0 / interval_s,
+            interval_s * 1e3,
+            max_gap_s * 1e3
+        )
+    }
+}
+
+/// Upper bound of the setting.
+fn max_gap_limit_s() -> f64 {
+    HistorySettings::BOUNDS.iter().find(|bound| bound.name == "max_gap_s").map_or(0.0, |bound| bound.max)
 }
 
 impl RecordingSummary {
@@ -171,6 +221,13 @@ impl RecordingSummary {
         }
     }
 
+    /// Whether a good part of the poses are farther apart than `max_gap_s`.
+    pub fn sparse_poses(&self, max_gap_s: f64) -> Option<SparsePoses> {
+        let interval_s = self.poses.median_interval_s()?;
+        let (above, all) = (self.poses.intervals_above(max_gap_s), self.poses.intervals_ns.len());
+        (above as f64 >= MIN_SPARSE_SHARE * all as f64).then_some(SparsePoses { interval_s, max_gap_s })
+    }
+
     /// From the first to the last frame or pose, seconds.
     pub fn duration_s(&self) -> f64 {
         let both = [&self.frames, &self.poses];
@@ -228,7 +285,12 @@ impl RecordingSummary {
         }
         let invalid =
             if self.poses_invalid == 0 { "all valid".into() } else { format!("{} invalid", self.poses_invalid) };
-        format!("{}, {invalid}", stream_text(&self.poses, HistorySettings::default().max_gap_s))
+        let max_gap_s = HistorySettings::default().max_gap_s;
+        let mut text = format!("{}, {invalid}", stream_text(&self.poses, max_gap_s));
+        if self.sparse_poses(max_gap_s).is_some() {
+            text += &format!(", TOO FAR APART (imaging joins those within {:.0} ms)", max_gap_s * 1e3);
+        }
+        text
     }
 }
 
@@ -330,6 +392,40 @@ Settings   recorded
 Truth      two posts; post; 0 walls; time offset +0.0100 s
 Damage     none";
         assert_eq!(text, expected);
+    }
+
+    fn with_pose_intervals(intervals_ms: &[i64]) -> RecordingSummary {
+        let mut summary = RecordingSummary::new(header());
+        let mut time_ns = 0;
+        for interval_ms in [0].iter().chain(intervals_ms) {
+            time_ns += interval_ms * 1_000_000;
+            summary.push_pose(&PoseSample::valid(time_ns, &Pose::IDENTITY));
+        }
+        summary
+    }
+
+    #[test]
+    fn poses_too_sparse_for_the_settings_are_reported_with_the_remedy() {
+        let sparse = with_pose_intervals(&[100; 50]);
+        let remedy = sparse.sparse_poses(0.05).unwrap().remedy();
+        assert_eq!(
+            remedy,
+            "poses come at 10.0 Hz (median spacing 100 ms), tracking.history.max_gap_s joins those within 50 ms. Record the \
+             poses at 40 Hz or more, or have them joined, less exactly, with --set tracking.history.max_gap_s=0.15."
+        );
+        assert!(
+            sparse
+                .to_string()
+                .contains("10.0 a second, no gaps, all valid, TOO FAR APART (imaging joins those within 50 ms)")
+        );
+        assert_eq!(sparse.sparse_poses(0.15), None);
+        // Beyond what may be set.
+        let remedy = with_pose_intervals(&[1000; 5]).sparse_poses(0.05).unwrap().remedy();
+        assert!(remedy.contains("1.0 Hz") && !remedy.contains("--set"), "{remedy}");
+        // At the limit's rate with jitter; interrupted; without an interval.
+        assert!(with_pose_intervals(&[48, 52, 49, 51]).sparse_poses(0.05).is_some());
+        assert_eq!(with_pose_intervals(&[10, 10, 10, 10, 10, 10, 10, 900]).sparse_poses(0.05), None);
+        assert_eq!(with_pose_intervals(&[]).sparse_poses(0.05), None);
     }
 
     #[test]
