@@ -182,7 +182,8 @@ fn claims_that_contradict_each_other_are_rejected_with_their_values() {
 
 #[test]
 fn frames_that_lack_parts_are_left_out_and_counted() {
-    let cases: [(fn(&mut Claims), usize, u64); 6] = [
+    type Case = (fn(&mut Claims), usize, u64);
+    let cases: [Case; 6] = [
         (|_| {}, 5, 0),
         (|c| c.ticks.truncate(3), 3, 2),
         (|c| c.temperatures.truncate(0), 0, 5),
