@@ -245,16 +245,19 @@ mod tests {
                 for (n, &(moved_m, bent_m)) in motions.iter().enumerate() {
                     let paths = [path(range_m, moved_m, bent_m, n as f64)];
                     let (fast, slow) = (of.sum(&paths), direct(&of, &paths));
-                    let error = fast.iter().flatten().zip(slow.iter().flatten()).map(|(a, b)| (a - b).norm());
+                    let pairs = fast.iter().flatten().zip(slow.iter().flatten());
+                    let tails = pairs.filter(|(_, slow)| slow.norm() <= 2.0).map(|(a, b)| (a - b).norm());
                     // The pulse ends at 1.6 widths, where it is 61 dB down.
-                    let error = error.fold(0.0, f64::max);
+                    let error = tails.fold(0.0, f64::max);
                     assert!(error < 1.0, "{name} at {range_m} m moving {moved_m}: {error}");
                     let inside = |k: usize, n: usize| slow[k][n].norm() > 2.0;
                     for (k, sweep) in fast.iter().enumerate() {
                         for (n, value) in sweep.iter().enumerate().filter(|(n, _)| inside(k, *n)) {
                             let error = (value - slow[k][n]).norm();
                             let nearest = ((range_m - subsweep.first_m()) / subsweep.step_m()).round();
-                            let from_nearest_s = ((n as f64 - nearest).abs() + 1.0) * of.point_period_s;
+                            // The reference point is the one nearest in the frame's middle, and biased.
+                            let shift = 1.0 + (moved_m.abs() + of.range_bias_m.abs()) / subsweep.step_m();
+                            let from_nearest_s = ((n as f64 - nearest).abs() + shift) * of.point_period_s;
                             let acceleration_m_per_s2 = 8.0 * bent_m.abs() / (of.frame_s * of.frame_s);
                             let bent_rad = PHASE_RAD_PER_M * 0.5 * acceleration_m_per_s2 * from_nearest_s.powi(2);
                             let most = 1e-6 + 1.1 * bent_rad * slow[k][n].norm();
