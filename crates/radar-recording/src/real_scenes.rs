@@ -3,7 +3,7 @@
 //! What the program does not reach here, and what is therefore not asserted:
 //! - People (`presence-*`) are not moving targets. By default 192 and 160 sweeps a second are mapped
 //!   as single reflectors, and these have no moving targets. Mapped as rooms, each frame of 16 sweeps
-//!   is a sub-aperture of 5 and 3 ms, in which speeds are told apart from 0.5 and 0.8 m/s on: more
+//!   is a sub-aperture of 5 and 3 ms, in which speeds are distinguished from 0.5 and 0.8 m/s on: more
 //!   than a person who stands or sits. They are one reflector at the range of the strongest echo.
 //! - The level of `waste-level-full`. Noise is estimated from the sweep itself, and the 12 and 25
 //!   points of its sweeps are all in echoes.
