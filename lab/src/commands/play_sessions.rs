@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde_json::json;
 
@@ -108,6 +108,9 @@ impl PlaySessions {
         let bar = progress::bar(rooms, &format!("playing with {name}"));
         let errors = Headset::from_name(&self.headset)?.errors();
         let world = PlayWorld::from_name(&self.world)?;
+        if self.walls_db != 0.0 && world != PlayWorld::Points {
+            bail!("--walls-db is for rooms of points: the walls of {} are of their material", self.world);
+        }
         let adapt = |trial: &mut PlayTrial| {
             trial.session.errors = errors;
             trial.session.effects = self.effects;

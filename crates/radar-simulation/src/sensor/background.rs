@@ -9,7 +9,7 @@ use a121::{Profile, Subsweep};
 use radar_sar::math;
 
 use super::SensorEffects;
-use super::gain::amplitude_db;
+use super::gain::{amplitude_db, from_db};
 
 /// Range, metres, and amplitude relative to the peak of the direct leakage with profile 1. Measured:
 /// a recording with gain 10: 8655, 17454, 5389, 698, 167, 48 LSB; gone by 0.08 to 0.10 m.
@@ -133,10 +133,6 @@ fn interpolated(table: &[(f64, f64)], range_m: f64) -> f64 {
     let ((from_m, from), (to_m, to)) = (table[later - 1], table[later]);
     let share = ((range_m - from_m) / (to_m - from_m)).max(0.0);
     from * math::powf(to / from, share)
-}
-
-fn from_db(db: f64) -> f64 {
-    math::powf(10.0, db / 20.0)
 }
 
 #[cfg(test)]

@@ -72,7 +72,8 @@ pub fn temperature_c(time_s: f64, warm_up: f64) -> f64 {
     REFERENCE_C + warm_up * WARM_UP_K * (1.0 - math::exp(-time_s.max(0.0) / WARM_UP_S))
 }
 
-fn from_db(db: f64) -> f64 {
+/// Factor of an amplitude.
+pub fn from_db(db: f64) -> f64 {
     math::powf(10.0, db / 20.0)
 }
 

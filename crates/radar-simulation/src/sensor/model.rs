@@ -10,7 +10,7 @@ use radar_sar::math;
 
 use super::SensorEffects;
 use super::background::Module;
-use super::gain::{Levels, REFERENCE_C, temperature_c};
+use super::gain::{Levels, REFERENCE_C, from_db, temperature_c};
 use super::jitter::{FrameJitter, slow_phase_rad};
 
 /// Share of the points that another radar disturbs, and by how much the noise of these is above the
@@ -138,7 +138,7 @@ impl FrameState<'_> {
         if share == 0.0 {
             return;
         }
-        let per_axis = noise_rms_lsb * math::powf(10.0, INTERFERENCE_DB / 20.0) * std::f64::consts::FRAC_1_SQRT_2;
+        let per_axis = noise_rms_lsb * from_db(INTERFERENCE_DB) * std::f64::consts::FRAC_1_SQRT_2;
         for value in signal {
             if self.interference.random_range(0.0..1.0) < share {
                 let mut part = || per_axis * Distribution::<f64>::sample(&StandardNormal, &mut self.interference);

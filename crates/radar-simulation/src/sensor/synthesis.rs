@@ -10,20 +10,19 @@ use num_complex::Complex64;
 
 use a121::{FrameTiming, Subsweep, noise_rms_lsb, snr_db};
 use radar_sar::math;
-use radar_sar::{Beam, CARRIER_HZ, SPEED_OF_LIGHT_M_PER_S};
+use radar_sar::{Beam, PHASE_RAD_PER_M};
 
+use super::gain::from_db;
 use crate::echoes::EchoPath;
 
 /// Half the length of the pulse that is computed, widths of the envelope. Choice: beyond it the pulse
 /// is 60 dB down.
 const REACH_WIDTHS: f64 = 1.6;
-/// Phase per metre of range, rad/m: 4π/λ.
-const PHASE_RAD_PER_M: f64 = 2.0 * std::f64::consts::TAU * CARRIER_HZ / SPEED_OF_LIGHT_M_PER_S;
 
 /// Amplitude of a path of unit amplitude (0 dBsm at 1 m on the axis) at the envelope's peak, LSB.
 pub(crate) fn unit_amplitude_lsb(subsweep: &Subsweep, beam: &Beam) -> f64 {
     let snr = snr_db(subsweep.profile, subsweep.hwaas, 0.0, 1.0) + beam.gain_db();
-    noise_rms_lsb(subsweep) * math::powf(10.0, snr / 20.0)
+    noise_rms_lsb(subsweep) * from_db(snr)
 }
 
 /// One subsweep in all sweeps of a frame.
