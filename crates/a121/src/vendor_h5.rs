@@ -325,11 +325,14 @@ impl<'a> Reader<'a> {
         ];
         let (shortest, longest) = lengths.iter().fold((stored, stored), |(a, b), &n| (a.min(n), b.max(n)));
         let frame_bytes = config.points_per_frame() * 4;
+        // Space that was reserved and never written reads as 0. Only a first tick is 0. The samples of a
+        // whole frame may be 0 too, at a low gain with many averages, so they count only where
+        // something else says that the writer was interrupted.
+        let is_interrupted =
+            self.left_open.is_some() || shortest != longest || ticks.iter().skip(1).any(|&tick| tick == 0);
         let is_written = |index: usize| {
-            // Space that was reserved and never written reads as 0. Only a first tick is 0, and the
-            // samples of a whole frame have noise.
             let samples = &samples[index * frame_bytes..(index + 1) * frame_bytes];
-            (index == 0 || ticks[index] != 0) && samples.iter().any(|&byte| byte != 0)
+            (index == 0 || ticks[index] != 0) && (!is_interrupted || samples.iter().any(|&byte| byte != 0))
         };
         let count = (0..shortest).rev().find(|&index| is_written(index)).map_or(0, |last| last + 1);
         let frames = samples.chunks_exact(frame_bytes).take(count).enumerate().map(|(index, bytes)| {

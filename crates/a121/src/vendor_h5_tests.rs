@@ -45,6 +45,8 @@ struct Claims {
     shape: Vec<u64>,
     names: [&'static str; 2],
     sensors: usize,
+    /// Samples from this one on are 0.
+    silent_from: u64,
 }
 
 impl Claims {
@@ -59,6 +61,7 @@ impl Claims {
             shape: vec![count as u64, config.sweeps_per_frame.into(), config.points_per_sweep() as u64],
             names: ["real", "imag"],
             sensors: 1,
+            silent_from: u64::MAX,
             config,
         }
     }
@@ -82,7 +85,8 @@ impl Claims {
             let mut result = entry.create_group("result");
             let [real, imag] = self.names;
             let complex = CompoundTypeBuilder::new().i16_field(real).i16_field(imag).build().unwrap();
-            let samples = (0..self.samples()).flat_map(|n| [n as i16, -(n as i16)]).flat_map(i16::to_le_bytes);
+            let level = |n: u64| if n < self.silent_from { n as i16 } else { 0 };
+            let samples = (0..self.samples()).flat_map(|n| [level(n), -level(n)]).flat_map(i16::to_le_bytes);
             result
                 .create_dataset("frame")
                 .with_compound_data(complex, samples.collect(), self.samples())
@@ -200,6 +204,17 @@ fn frames_that_lack_parts_are_left_out_and_counted() {
         let expected = Unfinished { not_closed: false, incomplete_frames, unindexed_bytes: 0 };
         assert_eq!(recording.unfinished, (incomplete_frames > 0).then_some(expected), "case {case}");
     }
+}
+
+#[test]
+fn silent_frames_count_as_unwritten_only_in_an_interrupted_file() {
+    let mut claims = Claims::sound(5);
+    claims.silent_from = claims.samples() / 5 * 3;
+    let whole = read(&claims.file()).unwrap();
+    assert_eq!((whole.frames.len(), whole.unfinished), (5, None));
+    let mut left_open = claims.file();
+    left_open.extend([7; 1000]);
+    assert_eq!(read(&left_open).unwrap().frames.len(), 3);
 }
 
 /// What h5py 3.16 with HDF5 2.0 leaves when the process ends before the file is closed or flushed:
