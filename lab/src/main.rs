@@ -21,7 +21,7 @@ struct Arguments {
 enum Command {
     Experiment(ExperimentCommand),
     Benchmark(BenchmarkCommand),
-    Play(PlaySessions),
+    Play(Box<PlaySessions>),
     Results(ResultsCommand),
 }
 

@@ -46,7 +46,7 @@ struct Arguments {
 enum Command {
     Run(run::Run),
     Demo(demo::Demo),
-    Simulate(simulate::Simulate),
+    Simulate(Box<simulate::Simulate>),
     Doctor(doctor::Doctor),
     Install(install::Install),
     Uninstall(install::Uninstall),

@@ -47,9 +47,9 @@ impl PlayWorld {
     pub(super) fn family(self) -> Option<Family> {
         match self {
             Self::Points => None,
-            Self::Office => Some(Family::Training),
-            Self::Dining => Some(Family::Tuning),
-            Self::Living => Some(Family::Evaluation),
+            Self::Office => Some(Family::Office),
+            Self::Dining => Some(Family::Dining),
+            Self::Living => Some(Family::Living),
         }
     }
 }

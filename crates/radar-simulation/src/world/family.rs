@@ -8,17 +8,17 @@ use super::material::{CARPET, CONCRETE, METAL, MINERAL_FIBRE, Material, PLASTER,
 use super::object::Furniture;
 use super::placement::Place;
 use super::shell::Finish;
-use super::{evaluation, training, tuning};
+use super::{dining, living, office};
 
 /// A family of worlds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Family {
     /// Offices: to train on.
-    Training,
+    Office,
     /// Dining rooms: to choose settings on.
-    Tuning,
+    Dining,
     /// Living rooms: for figures only.
-    Evaluation,
+    Living,
 }
 
 /// A piece of furniture and where it is to stand.
@@ -70,29 +70,29 @@ fn chairs(hard: Furniture, soft: Furniture, at_wall: Furniture, removable: Furni
 
 impl Family {
     #[cfg(test)]
-    pub const ALL: [Self; 3] = [Self::Training, Self::Tuning, Self::Evaluation];
+    pub const ALL: [Self; 3] = [Self::Office, Self::Dining, Self::Living];
 
     /// Furniture of a room, the most important first.
     pub fn items(self, draw: &mut Draw) -> Vec<Item> {
         match self {
-            Self::Training => training_items(draw),
-            Self::Tuning => tuning_items(draw),
-            Self::Evaluation => evaluation_items(draw),
+            Self::Office => office_items(draw),
+            Self::Dining => dining_items(draw),
+            Self::Living => living_items(draw),
         }
     }
 
     /// What hangs on a free wall.
     pub fn wall_hanging(self, draw: &mut Draw) -> Furniture {
         match self {
-            Self::Training => whiteboard(draw.uniform(0.9, 1.4), 0.9),
-            Self::Tuning => picture(draw.uniform(0.4, 0.7), draw.uniform(0.4, 0.6), 1.5, WOOD),
-            Self::Evaluation => picture(draw.uniform(0.7, 1.1), draw.uniform(0.5, 0.8), 1.55, METAL),
+            Self::Office => whiteboard(draw.uniform(0.9, 1.4), 0.9),
+            Self::Dining => picture(draw.uniform(0.4, 0.7), draw.uniform(0.4, 0.6), 1.5, WOOD),
+            Self::Living => picture(draw.uniform(0.7, 1.1), draw.uniform(0.5, 0.8), 1.55, METAL),
         }
     }
 
     pub fn style(self) -> Style {
         match self {
-            Self::Training => Style {
+            Self::Office => Style {
                 finish: Finish { wall: PLASTERBOARD, floor: CARPET, ceiling: MINERAL_FIBRE, door: WOOD },
                 width_m: (4.2, 5.2),
                 depth_m: (4.6, 5.6),
@@ -104,7 +104,7 @@ impl Family {
                 cover: blind,
                 cover_width_m: 1.0,
             },
-            Self::Tuning => Style {
+            Self::Dining => Style {
                 finish: Finish { wall: PLASTER, floor: WOOD, ceiling: PLASTER, door: WOOD },
                 width_m: (4.0, 4.8),
                 depth_m: (4.4, 5.2),
@@ -116,7 +116,7 @@ impl Family {
                 cover: curtain,
                 cover_width_m: 0.35,
             },
-            Self::Evaluation => Style {
+            Self::Living => Style {
                 finish: Finish { wall: CONCRETE, floor: TILE, ceiling: PLASTER, door: PLASTIC },
                 width_m: (4.1, 5.0),
                 depth_m: (4.5, 5.6),
@@ -141,8 +141,8 @@ impl Family {
     }
 }
 
-fn training_items(draw: &mut Draw) -> Vec<Item> {
-    use training::*;
+fn office_items(draw: &mut Draw) -> Vec<Item> {
+    use office::*;
     let mut items = chairs(visitor_chair(draw), swivel_chair(draw), visitor_chair(draw), folding_chair(draw));
     items.extend([
         item(desk(draw), Place::AtWall(0.03)),
@@ -157,8 +157,8 @@ fn training_items(draw: &mut Draw) -> Vec<Item> {
     items
 }
 
-fn tuning_items(draw: &mut Draw) -> Vec<Item> {
-    use tuning::*;
+fn dining_items(draw: &mut Draw) -> Vec<Item> {
+    use dining::*;
     let mut items = chairs(slat_chair(draw), padded_chair(draw), padded_chair(draw), spindle_chair(draw));
     items.extend([
         item(dining_table(draw), Place::Ring),
@@ -173,8 +173,8 @@ fn tuning_items(draw: &mut Draw) -> Vec<Item> {
     items
 }
 
-fn evaluation_items(draw: &mut Draw) -> Vec<Item> {
-    use evaluation::*;
+fn living_items(draw: &mut Draw) -> Vec<Item> {
+    use living::*;
     let mut items = chairs(wire_chair(draw), armchair(draw), wire_chair(draw), cantilever_chair(draw));
     items.extend([
         item(glass_table(draw), Place::Ring),

@@ -1,17 +1,17 @@
 //! What stands in a room: objects of panels, tubes and fittings, and the room's shell, in three families of worlds.
 
 mod assembly;
-mod evaluation;
+mod dining;
 mod family;
 mod fixtures;
 mod floor_plan;
+mod living;
 pub(crate) mod material;
 mod object;
+mod office;
 mod parts;
 mod placement;
 mod shell;
-mod training;
-mod tuning;
 mod wall_fittings;
 #[cfg(test)]
 mod world_tests;

@@ -68,8 +68,8 @@ fn no_two_families_share_a_builder() {
         }
         (names, shapes)
     };
-    let [training, tuning, evaluation] = Family::ALL.map(built);
-    for (a, b) in [(&training, &tuning), (&tuning, &evaluation), (&training, &evaluation)] {
+    let [office, dining, living] = Family::ALL.map(built);
+    for (a, b) in [(&office, &dining), (&dining, &living), (&office, &living)] {
         assert!(a.0.is_disjoint(&b.0), "{:?}", a.0.intersection(&b.0));
         assert!(a.1.is_disjoint(&b.1), "{:?}", a.1.intersection(&b.1));
     }
@@ -88,7 +88,7 @@ fn same_seed_gives_the_same_world_and_echoes() {
 
 #[test]
 fn removed_object_takes_its_echoes_and_leaves_the_others() {
-    let world = World::new(Family::Training, 2);
+    let world = World::new(Family::Office, 2);
     let place = world.objects[world.removable].points_m[0];
     let pose = Pose::looking_at(DVec3::Y * 1.6, place, DVec3::Y);
     let paths = |removed: bool| {
@@ -208,7 +208,7 @@ fn furnished_rooms_return_plausible_echoes() {
 
 #[test]
 fn plaster_wall_returns_its_mirror_image_and_the_room_its_right_angles() {
-    let finish = Family::Tuning.style().finish;
+    let finish = Family::Dining.style().finish;
     let plan = FloorPlan::new(RoomShape::Rectangle, [4.0, 4.6], 2.5, &mut ChaCha8Rng::seed_from_u64(3));
     let shell = Shell::new(&plan, &finish, &[]);
     let sampling = crate::echoes::Sampling { spacing_m: 0.07, shell_spacing_m: 0.25, seed: 1 };

@@ -1,4 +1,4 @@
-//! Furniture of the family `Tuning`: a dining room. Solid wood, turned legs, cushions, books.
+//! Furniture of a dining room: solid wood, turned legs, cushions, books.
 
 use std::f64::consts::TAU;
 

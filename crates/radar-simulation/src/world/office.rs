@@ -1,4 +1,4 @@
-//! Furniture of the family `Training`: an office. Steel tube and sheet metal, laminate, plastic shells.
+//! Furniture of an office: steel tube and sheet metal, laminate, plastic shells.
 
 use std::f64::consts::TAU;
 

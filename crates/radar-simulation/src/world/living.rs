@@ -1,4 +1,4 @@
-//! Furniture of the family `Evaluation`: a living room. Upholstery, wire, glass, plants, cables, steps.
+//! Furniture of a living room: upholstery, wire, glass, plants, cables, steps.
 
 use std::f64::consts::{PI, TAU};
 
