@@ -37,7 +37,7 @@ pub struct TrackingErrors {
     pub jump_m: f64,
     /// Angle of a jump, about a random axis, degrees.
     pub jump_deg: f64,
-    /// Rms error of the poses' stamps, seconds; at most [`MAX_STAMP_ERROR`] of their distance.
+    /// Rms error of the poses' stamps, seconds; at most 45 % of their distance, so that they rise.
     pub stamp_s: f64,
 }
 
