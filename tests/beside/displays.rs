@@ -6,16 +6,27 @@ use serde_json::{Value, json};
 
 use crate::eyes::Eye;
 use crate::rig::{Program, Rig};
+use crate::warnings::{WALK_S, WALKS};
 
-/// Starts with these settings and takes a shot when the head is at the chair.
+/// Starts with these settings and takes a shot when the head is at the chair and the chair is lit. A machine whose
+/// cores are taken drops sweeps, and maps the chair in a later walk than the first.
 fn at_the_chair(rig: &mut Rig, configuration: &Value, settings: &[&str]) -> (Program, [Eye; 2], Value) {
-    rig.start_sensor("furnished-room", "approach-chair", 1, 60);
+    rig.start_sensor("furnished-room", "approach-chair", 1, WALKS * WALK_S);
     let mut configuration = configuration.clone();
-    configuration["events"] = json!([{"at_s": 6.5, "do": "shot", "name": "near"}]);
+    let near = |walk: u32| format!("near{walk}");
+    let shots = (0..WALKS).map(|walk| {
+        let at_s = f64::from(walk * WALK_S) + 6.5;
+        json!({"at_s": at_s, "do": "shot", "name": near(walk)})
+    });
+    configuration["events"] = shots.collect();
     rig.start_steamvr(&configuration, true);
     let program = rig.start_run(settings);
-    let shot = rig.shot("near");
-    let eyes = Eye::both(&rig.path("vr/shots"), Path::new("near"), &shot);
+    let in_walk = |walk| {
+        let shot = rig.shot(&near(walk));
+        let eyes = Eye::both(&rig.path("vr/shots"), Path::new(&near(walk)), &shot);
+        (eyes, shot)
+    };
+    let (eyes, shot) = (0..WALKS).map(in_walk).find(|(eyes, _)| shows_the_chair(eyes)).expect("the chair stays dark");
     (program, eyes, shot)
 }
 
@@ -26,27 +37,26 @@ fn end(rig: &Rig, program: Program) {
     assert_eq!((&report["violations"], &report["left_at_cleanup"]), (&json!({}), &json!(0)));
 }
 
-/// The chair is lit in both eyes, most of its points within a degree.
-fn shows_the_chair(eyes: &[Eye; 2]) {
+/// Whether the chair is lit in both eyes, most of its points within a degree.
+fn shows_the_chair(eyes: &[Eye; 2]) -> bool {
     let chair = crate::warnings::chair();
-    for eye in eyes {
+    eyes.iter().all(|eye| {
         let lit = eye.lit();
-        assert!(!lit.is_empty(), "dark");
         let from_lit = |part: &glam::DVec3| {
             let seen = eye.direction(*part).unwrap();
             lit.iter().map(|(at, _)| at.angle_between(seen)).fold(f64::INFINITY, f64::min).to_degrees()
         };
         let mut all: Vec<f64> = chair.points_m.iter().map(from_lit).collect();
         all.sort_by(f64::total_cmp);
-        assert!(all[all.len() / 2] < 1.0, "{all:.1?} degrees from what is lit");
-    }
+        println!("{all:.1?} degrees from what is lit");
+        all[all.len() / 2] < 1.0
+    })
 }
 
 #[test]
 fn windows_show_each_eye_its_own_image() {
     let mut rig = Rig::new("stereo");
-    let (program, eyes, shot) = at_the_chair(&mut rig, &json!({}), &["--set", "headset.display=stereo"]);
-    shows_the_chair(&eyes);
+    let (program, _, shot) = at_the_chair(&mut rig, &json!({}), &["--set", "headset.display=stereo"]);
     let side_by_side = 1 << 10;
     for overlay in shot["overlays"].as_array().unwrap() {
         assert_ne!(overlay["flags"].as_u64().unwrap() & side_by_side, 0, "{overlay}");
@@ -60,8 +70,7 @@ fn projections_work_with_either_matrix_direction() {
         let mut rig = Rig::new(&format!("projection-{matrix}"));
         let set = format!("headset.projection_matrix={matrix}");
         let settings = ["--set", "headset.display=projection", "--set", &set];
-        let (program, eyes, shot) = at_the_chair(&mut rig, &json!({"projection_matrix": matrix}), &settings);
-        shows_the_chair(&eyes);
+        let (program, _, shot) = at_the_chair(&mut rig, &json!({"projection_matrix": matrix}), &settings);
         assert_eq!(shot["overlays"].as_array().unwrap().len(), 2);
         end(&rig, program);
     }

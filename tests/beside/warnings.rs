@@ -13,10 +13,10 @@ use crate::rig::Rig;
 
 const SEED: u64 = 1;
 /// Seconds of one walk to the chair and back, with a shot in each.
-const WALK_S: u32 = 14;
+pub const WALK_S: u32 = 14;
 /// Walks in which the chair may become known. During the first one it is mapped; a machine whose cores
 /// are taken drops sweeps and needs one or two more.
-const WALKS: u32 = 4;
+pub const WALKS: u32 = 4;
 /// The head is at the chair below the first distance, and away from it above the second, metres.
 const NEAR_M: f64 = 0.5;
 const AWAY_M: f64 = 1.95;

@@ -3,6 +3,8 @@
 //! averaged over the area between neighbouring rays. Overlays are drawn over everything, by sort
 //! order, then from far to near, as SteamVR draws them over a scene.
 
+use std::ops::Range;
+
 use glam::{DMat3, DVec3};
 
 use crate::pyramid::{Pixel, Pyramid};
@@ -94,6 +96,22 @@ impl Surface {
     }
 }
 
+impl Surface {
+    /// The corners in the eye's frame: positions of a quad's, directions of a view's.
+    fn corners(&self) -> [DVec3; 4] {
+        let signs = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
+        match self {
+            Self::Quad { eye, overlay_from_eye, size_m: [width_m, height_m] } => {
+                signs.map(|(x, y)| overlay_from_eye.transpose() * (DVec3::new(x * width_m, y * height_m, 0.0) - *eye))
+            }
+            Self::View { view_from_eye, edges: [left, right, up, down] } => signs.map(|(x, y)| {
+                let (x, y) = (left + (x + 0.5) * (right - left), down + (y + 0.5) * (up - down));
+                view_from_eye.transpose() * DVec3::new(x, y, -1.0)
+            }),
+        }
+    }
+}
+
 /// Ray directions of an eye.
 struct Rays {
     first: DVec3,
@@ -111,6 +129,23 @@ impl Rays {
 
     fn direction(&self, x: usize, y: usize) -> DVec3 {
         self.first + x as f64 * self.right + y as f64 * self.down
+    }
+
+    /// Columns and rows of the pixels whose rays may meet a surface; all of them if a part of it lies behind the eye.
+    fn pixels(&self, surface: &Surface, size: [usize; 2]) -> [Range<usize>; 2] {
+        let corners = surface.corners();
+        if corners.iter().any(|corner| corner.z > -1e-3) {
+            return size.map(|size| 0..size);
+        }
+        let first = [self.first.x, self.first.y];
+        let steps = [self.right.x, self.down.y].map(|step| step * RAYS as f64);
+        [0, 1].map(|axis| {
+            let pixel = corners.map(|corner| (corner[axis] / -corner.z - first[axis]) / steps[axis]);
+            let [from, to] = [f64::min, f64::max].map(|of| pixel.iter().copied().reduce(of).unwrap_or(0.0));
+            // Casts saturate: what lies beyond an edge is an empty range there.
+            let to = ((to + 2.0) as usize).min(size[axis]);
+            ((from - 1.0) as usize).min(to)..to
+        })
     }
 }
 
@@ -142,8 +177,9 @@ pub fn draw(snapshot: &Snapshot, eye: &Eye, layers: &[Layer]) -> Vec<[f32; 3]> {
         draw_grid(&mut picture, width, snapshot, eye, &rays);
     }
     for layer in layers {
-        for (index, pixel) in picture.iter_mut().enumerate() {
-            let (x, y) = (index % width, index / width);
+        let [columns, rows] = rays.pixels(&layer.surface, [width, height]);
+        for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))) {
+            let pixel = &mut picture[y * width + x];
             let mut over = [0.0f32; 4];
             for ray in 0..RAYS * RAYS {
                 if let Some(seen) = layer.seen(&rays, x * RAYS + ray % RAYS, y * RAYS + ray / RAYS) {

@@ -16,9 +16,9 @@ use crate::snapshot::{Eye, Item, Snapshot};
 use crate::sys;
 use crate::world::lock;
 
-/// Limit of queued snapshots. Choice: pictures are asked for one at a time; more snapshots would
-/// take memory.
-const MAX_QUEUED: usize = 8;
+/// Limit of queued snapshots. Choice: a picture a second for a minute, on a machine that takes a second for each;
+/// a snapshot holds copies of its textures, some MB.
+const MAX_QUEUED: usize = 64;
 
 /// A queued job.
 enum Job {
@@ -156,8 +156,13 @@ fn paint(folder: &Path, snapshot: &Snapshot) -> Result<(), String> {
 
 fn png(picture: &[[f32; 3]], [width, height]: [u32; 2]) -> Result<Vec<u8>, String> {
     let mut image = RgbImage::new(width, height);
+    // Most pixels have the colour of the pixel before them, and the curve is slow.
+    let mut last = ([0.0; 3], [0.0; 3].map(srgb_byte));
     for (pixel, light) in image.pixels_mut().zip(picture) {
-        *pixel = Rgb(light.map(srgb_byte));
+        if *light != last.0 {
+            last = (*light, light.map(srgb_byte));
+        }
+        *pixel = Rgb(last.1);
     }
     let mut bytes = Cursor::new(Vec::new());
     image.write_to(&mut bytes, ImageFormat::Png).map_err(|error| error.to_string())?;

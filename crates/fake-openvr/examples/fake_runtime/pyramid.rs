@@ -57,7 +57,7 @@ impl Pyramid {
         /// Choice: anisotropic filtering for views down to 7°; more oblique ones blur.
         const MAX_SAMPLES: f64 = 8.0;
         let [width, height] = self.size().map(|size| size as f64);
-        let texels = |v: [f64; 2]| (v[0] * width).hypot(v[1] * height);
+        let texels = |v: [f64; 2]| ((v[0] * width).powi(2) + (v[1] * height).powi(2)).sqrt();
         let (long, short) = if texels(along) >= texels(across) { (along, across) } else { (across, along) };
         let count = (texels(long) / texels(short).max(1.0)).ceil().clamp(1.0, MAX_SAMPLES);
         let level = (texels(long) / count).max(texels(short)).max(1.0).log2();
