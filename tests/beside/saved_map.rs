@@ -24,6 +24,8 @@ fn saved_map_warns_before_redetection() {
     let chair = chair();
     // A warning at the chair: it is confirmed, and part of the map.
     rig.wait_shot("confirmed", |shot| !panels_at(shot, &chair).is_empty());
+    // The map that is saved is up to a second older than what is shown.
+    rig.wait_frames(2 * 90);
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     let folder = rig.path("home/.local/share/radar-chaperone/maps");

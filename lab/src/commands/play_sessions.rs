@@ -9,11 +9,11 @@ use serde_json::json;
 
 use super::check_targets;
 use a121::PRESETS;
-use lab::experiments::{PlayTrial, by_kind, totals};
+use lab::experiments::{Figures, PlayTrial, Rates, by_kind, false_reports, missed, totals};
 use lab::results::{Page, PlayOutcome, Provenance, curve_chart, curve_page_body, curve_table, played};
 use radar_chaperone::app::progress;
 use radar_chaperone::outln;
-use radar_chaperone::report::write_atomically;
+use radar_chaperone::report::{Table, write_atomically};
 use radar_chaperone::settings::Settings;
 use radar_simulation::{Headset, PlayWorld, SensorEffects};
 
@@ -45,6 +45,13 @@ pub struct PlaySessions {
     /// The controllers are tracked
     #[arg(long)]
     controllers: bool,
+    /// Leaves out: hands, their echoes alone, or whoever else moves
+    #[arg(long, value_name = "WHAT", value_delimiter = ',',
+          value_parser = clap::builder::PossibleValuesParser::new(["hands", "hand-echoes", "visitor"]))]
+    without: Vec<String>,
+    /// Prints each missed approach and each false report
+    #[arg(long)]
+    each: bool,
     /// Added to the reflection of the walls, dB
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     walls_db: f64,
@@ -116,13 +123,25 @@ impl PlaySessions {
             trial.session.effects = self.effects;
             trial.session.world = world;
             trial.session.walls_db = self.walls_db;
+            trial.session.hands = !self.lacks("hands");
+            trial.session.hands_without_echo = self.lacks("hand-echoes");
+            trial.session.visitor = !self.lacks("visitor");
             trial.controllers = self.controllers;
         };
         let figures = played(preset, settings, &seeds, minutes, adapt, || bar.inc(1))?;
         bar.finish_and_clear();
         outln!("{name}: {rooms} rooms of {minutes} min from seed {} on", self.seed)?;
-        outln!("{}\n{}", by_kind(&figures).aligned(), totals(&figures).aligned())?;
+        for table in tables(&figures) {
+            outln!("{}", table.aligned())?;
+        }
+        if self.each {
+            print_each(&figures)?;
+        }
         Ok(PlayOutcome { name, preset: preset.into(), odds, figures })
+    }
+
+    fn lacks(&self, what: &str) -> bool {
+        self.without.iter().any(|without| without == what)
     }
 
     fn settings(&self, text: &str, odds: Option<f64>) -> Result<Settings> {
@@ -138,7 +157,7 @@ impl PlaySessions {
         }
         if let Some(path) = &self.json {
             let rows = played.iter().map(|PlayOutcome { preset, odds, figures, .. }| {
-                json!({"preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "walls_db": self.walls_db,
+                json!({"preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "without": self.without, "walls_db": self.walls_db,
                     "headset": self.headset, "effects": self.effects, "world": self.world,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})
@@ -161,8 +180,28 @@ impl PlaySessions {
             return page.picture("play", alt, &curve_chart(played).draw());
         }
         for PlayOutcome { name, figures, .. } in played {
-            page = page.heading(name).table(&by_kind(figures)).table(&totals(figures));
+            page = tables(figures).iter().fold(page.heading(name), Page::table);
         }
         Ok(page)
     }
+}
+
+/// The tables of one setting; without misses or false reports, theirs are left out.
+fn tables(figures: &Figures) -> Vec<Table> {
+    let all = [by_kind(figures), totals(figures), missed(figures), false_reports(figures)];
+    all.into_iter().filter(|table| !table.rows.is_empty()).collect()
+}
+
+/// Prints each approach that was due and not warned of, each false report, and each removed chair.
+fn print_each(figures: &Figures) -> Result<()> {
+    for approach in figures.approaches.iter().filter(|a| a.in_beam_s >= Rates::SEEN_S && !a.warned) {
+        outln!("missed {approach:?}")?;
+    }
+    for report in &figures.false_reports {
+        outln!("{report:?}")?;
+    }
+    for removed in &figures.forgettings {
+        outln!("{removed:?}")?;
+    }
+    Ok(())
 }

@@ -39,6 +39,19 @@ pub struct Approach {
     pub errors_m: Vec<f64>,
     /// Errors of the reported bounds; `None` for objects that were not reported, and for walls.
     pub bounds: Option<BoundErrors>,
+    /// What the mapper detected of it in the ten seconds before the deadline; `None` for walls.
+    pub detected: Option<Detected>,
+}
+
+/// Detections near an object's scatterers, whether or not they became a report. Zeros without any.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Detected {
+    /// Their number, over all updates of the map.
+    pub count: usize,
+    /// The greatest score.
+    pub score: f64,
+    /// The greatest log odds that the classifier gave.
+    pub log_odds: f64,
 }
 
 /// Bounds of the report against the object's own scatterers, metres. Positive: reported nearer,
@@ -54,7 +67,7 @@ pub struct BoundErrors {
 }
 
 /// A report where nothing is.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FalseReport {
     /// Time, seconds.
     pub time_s: f64,
@@ -64,6 +77,13 @@ pub struct FalseReport {
     pub is_wall: bool,
     /// Within [`Rates::NEAR_M`] of the body.
     pub is_near: bool,
+    /// Position, tracking frame, metres; of a wall, the reported part that is nearest to the head.
+    pub position_m: [f64; 3],
+    /// Distance behind the nearest true wall, floor or ceiling, metres; negative inside the room.
+    pub behind_m: f64,
+    /// What lies at its mirror image in a wall, floor or ceiling; empty for nothing.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub mirrors: String,
 }
 
 /// Outcome for an object that was carried away.
@@ -247,19 +267,28 @@ mod tests {
             lead_m,
             errors_m: if lead_m > 0.0 { vec![0.02] } else { vec![] },
             bounds: Some(BoundErrors { near_m: -lead_m, width_m: 0.1, top_m: 0.0 }),
+            detected: None,
         }
     }
 
     #[test]
     fn approaches_outside_the_beam_are_not_counted() {
         let approaches = vec![approach(0.7, 0.0, true), approach(1.6, 1.2, true), approach(0.8, 0.0, false)];
-        let near = FalseReport { time_s: 1.0, cause: Cause::Hand, is_wall: false, is_near: true };
-        let far = FalseReport { cause: Cause::Nothing, is_near: false, ..near };
+        let near = FalseReport {
+            time_s: 1.0,
+            cause: Cause::Hand,
+            is_wall: false,
+            is_near: true,
+            position_m: [0.0; 3],
+            behind_m: -1.0,
+            mirrors: String::new(),
+        };
+        let far = FalseReport { cause: Cause::Nothing, is_near: false, ..near.clone() };
         let forgettings = vec![RemovalOutcome { was_known: true, looked_s: None }];
         let mut figures = Figures {
             played_s: 30.0,
             approaches,
-            false_reports: vec![near, far, far],
+            false_reports: vec![near, far.clone(), far],
             forgettings,
             ..Default::default()
         };

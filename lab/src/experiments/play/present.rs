@@ -1,6 +1,6 @@
 //! Tables of play-session figures.
 
-use super::figures::{Figures, Rates};
+use super::figures::{Cause, Detected, FalseReport, Figures, Rates};
 use radar_chaperone::report::Table;
 
 /// One row per kind of object, and all together.
@@ -93,6 +93,64 @@ pub fn totals(figures: &Figures) -> Table {
         row("played, minutes", format!("{minutes:.1}"), ""),
     ];
     Table { head: ["figure", "is", "to reach"].map(str::to_owned).to_vec(), rows, caption: String::new() }
+}
+
+/// The objects that were not warned of in time, by what was detected of them: one row per kind, most often missed first.
+pub fn missed(figures: &Figures) -> Table {
+    let missed: Vec<_> = figures.approaches.iter().filter(|a| a.in_beam_s >= Rates::SEEN_S && !a.warned).collect();
+    let row = |kind: String| {
+        let of_kind = || missed.iter().filter(|a| a.kind == kind);
+        let detected: Vec<_> = of_kind().filter_map(|a| a.detected).collect();
+        let count = |is_counted: fn(&Detected) -> bool| detected.iter().filter(|d| is_counted(d)).count().to_string();
+        let mut scores: Vec<f64> = detected.iter().map(|d| d.score).collect();
+        scores.sort_by(f64::total_cmp);
+        let median = scores.get(scores.len() / 2).copied().unwrap_or(f64::NAN);
+        (
+            of_kind().count(),
+            vec![
+                kind.clone(),
+                of_kind().count().to_string(),
+                count(|d| d.count == 0),
+                count(|d| d.count > 0 && d.log_odds < 0.0),
+                count(|d| d.count > 0 && d.log_odds >= 0.0),
+                formatted(median, 1),
+            ],
+        )
+    };
+    let mut rows: Vec<_> = figures.kinds().into_iter().map(row).filter(|(count, _)| *count > 0).collect();
+    rows.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
+    let head =
+        ["missed", "times", "nothing detected", "unlikely by the classifier", "likely", "greatest score, median"];
+    Table {
+        head: head.map(str::to_owned).to_vec(),
+        rows: rows.into_iter().map(|(_, row)| row).collect(),
+        caption: MISSED_CAPTION.into(),
+    }
+}
+
+const MISSED_CAPTION: &str = "Approaches without a warning in time, by the detections within 25 cm of the object in the \
+    ten seconds before the deadline. unlikely, likely: the greatest log odds that the classifier gave to one of them, \
+    below 0 or not.";
+
+/// False reports anywhere, by where they are.
+pub fn false_reports(figures: &Figures) -> Table {
+    let all: Vec<_> = figures.false_reports.iter().filter(|report| !report.is_near).collect();
+    let class = |report: &FalseReport| match report {
+        FalseReport { is_wall: true, .. } => "wall where there is none",
+        FalseReport { cause: Cause::Hand, .. } => "where a hand was",
+        FalseReport { cause: Cause::Visitor, .. } => "where a person was",
+        FalseReport { mirrors, .. } if !mirrors.is_empty() => "behind a wall, mirror image of an object",
+        FalseReport { behind_m, .. } if *behind_m > 0.0 => "behind a wall, of nothing",
+        _ => "in the room, where nothing is",
+    };
+    let mut classes: Vec<&str> = all.iter().map(|report| class(report)).collect();
+    classes.sort_unstable();
+    let rows = classes.chunk_by(|a, b| a == b).map(|same| {
+        let per_min = same.len() as f64 * 60.0 / figures.played_s;
+        vec![same[0].to_owned(), same.len().to_string(), formatted(per_min, 2)]
+    });
+    let head = ["false report", "times", "per minute"];
+    Table { head: head.map(str::to_owned).to_vec(), rows: rows.collect(), caption: String::new() }
 }
 
 /// Detections against false reports, one row per setting.

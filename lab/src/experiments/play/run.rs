@@ -125,6 +125,7 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
         if evidence_ns != self.evidence_ns {
             self.evidence_ns = evidence_ns;
             self.scene = self.mapper.scene();
+            self.scorer.note_detections(time_s, self.mapper.scored_candidates());
             (self.on_update)(time_s, self.mapper.scored_candidates());
             self.tracker.update(&self.scene);
         }

@@ -11,9 +11,9 @@ use std::collections::{BTreeMap, VecDeque};
 
 use glam::DVec3;
 
-use super::figures::{Approach, BoundErrors, Cause, FalseReport, Figures, Rates, RemovalOutcome};
+use super::figures::{Approach, BoundErrors, Cause, Detected, FalseReport, Figures, Rates, RemovalOutcome};
 use a121::{frame_timing, snr_db};
-use radar_mapping::{Obstacle, Scene, Wall};
+use radar_mapping::{Model, Obstacle, Scene, ScoredCandidate, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 use radar_sar::math;
 use radar_simulation::{Scatterer, Session, SessionWall};
@@ -48,6 +48,12 @@ const TRAIL_STEP_S: f64 = 0.1;
 /// a sub-aperture, seconds. Choice: noise reaches 10 dB once in 20 000 times; the mapper's length.
 const MIN_VISIBLE_SNR_DB: f64 = 10.0;
 const SUBAPERTURE_S: f64 = 0.09;
+/// Detections this long before a deadline are listed with the approach, seconds. Choice: the mapper's window of 4 s, and
+/// what was detected before it and forgotten.
+const DETECTED_S: f64 = 10.0;
+/// A false report is a mirror image of what lies this near to its position mirrored in a wall, metres. Choice: the
+/// radius of a false report, and as much for the wall's own roughness.
+const MIRROR_M: f64 = 0.4;
 /// A warning that switches on and off again within this time flickers, seconds. Choice: shorter
 /// than any approach and retreat.
 const FLICKER_S: f64 = 1.0;
@@ -74,8 +80,17 @@ pub(super) struct Scorer<'s> {
     hands: VecDeque<(f64, Vec<DVec3>)>,
     visitor: VecDeque<(f64, Vec<DVec3>)>,
     removal: RemovalTracker,
+    detections: VecDeque<PastDetection>,
     last_s: f64,
     figures: Figures,
+}
+
+/// A detection of an earlier update.
+struct PastDetection {
+    time_s: f64,
+    position_m: DVec3,
+    score: f64,
+    log_odds: f64,
 }
 
 /// An object or wall that can be run into.
@@ -142,9 +157,22 @@ impl<'s> Scorer<'s> {
             hands: VecDeque::new(),
             visitor: VecDeque::new(),
             removal: RemovalTracker::default(),
+            detections: VecDeque::new(),
             last_s: 0.0,
             figures: Figures::default(),
         }
+    }
+
+    /// Remembers what an update of the map detected.
+    pub fn note_detections(&mut self, time_s: f64, scored: &[ScoredCandidate]) {
+        self.detections.extend(scored.iter().map(|candidate| PastDetection {
+            time_s,
+            position_m: candidate.position_m,
+            score: math::exp(candidate.features[0]),
+            log_odds: Model::embedded().log_odds(&candidate.features),
+        }));
+        // An open approach may have had its deadline some time ago.
+        while self.detections.pop_front_if(|past| time_s - past.time_s > 3.0 * DETECTED_S).is_some() {}
     }
 
     /// Scores one step; times increase.
@@ -155,7 +183,8 @@ impl<'s> Scorer<'s> {
         self.record_moving_parts(time_s);
         for target in &mut self.targets {
             if let Some(approach) = target.step(self.session, time_s, step_s, (&head, &sensor), scene, shown) {
-                self.figures.approaches.push(approach);
+                let detected = target.detected(&self.detections, approach.deadline_s);
+                self.figures.approaches.push(Approach { detected, ..approach });
             }
             self.figures.flickers += u64::from(std::mem::take(&mut target.flickered));
         }
@@ -166,7 +195,9 @@ impl<'s> Scorer<'s> {
     /// Ends the session. `reports` is the number of obstacles in the map.
     pub fn end(mut self, reports: usize) -> Figures {
         for target in &mut self.targets {
-            self.figures.approaches.extend(target.end());
+            let Some(approach) = target.end() else { continue };
+            let detected = target.detected(&self.detections, approach.deadline_s);
+            self.figures.approaches.push(Approach { detected, ..approach });
         }
         self.figures.approaches.sort_by(|a, b| a.deadline_s.total_cmp(&b.deadline_s));
         if let Some(was_known) = self.removal.was_known {
@@ -205,12 +236,13 @@ impl<'s> Scorer<'s> {
             }
             let cause = report.cause.unwrap_or(Cause::Nothing);
             let is_wall = matches!(key, ReportId::Wall(_));
-            let mut note = |is_near| self.figures.false_reports.push(FalseReport { time_s, cause, is_wall, is_near });
-            if is_false && !report.is_false {
-                note(false);
-            }
-            if is_near && !report.is_near {
-                note(true);
+            for is_near in
+                [(is_false && !report.is_false).then_some(false), (is_near && !report.is_near).then_some(true)]
+            {
+                let Some(is_near) = is_near else { continue };
+                let (position_m, behind_m, mirrors) = (point.to_array(), self.behind_m(point), self.mirrors(point));
+                let report = FalseReport { time_s, cause, is_wall, is_near, position_m, behind_m, mirrors };
+                self.figures.false_reports.push(report);
             }
             (report.is_false, report.is_near) = (report.is_false || is_false, is_near);
             any_near |= is_near && away_m <= Rates::NEAR_M;
@@ -228,6 +260,23 @@ impl<'s> Scorer<'s> {
         distances.fold(f64::INFINITY, f64::min) <= FALSE_REPORT_M
             || self.session.walls().iter().any(|wall| wall.distance_m(point) <= FALSE_REPORT_M)
             || person.flat_map(|(_, parts)| parts).any(|part| part.distance(point) <= PERSON_RADIUS_M)
+    }
+
+    /// Distance behind the nearest wall, floor or ceiling, metres; negative before all of them.
+    fn behind_m(&self, point: DVec3) -> f64 {
+        let behind = self.session.walls().iter().map(|wall| point.dot(wall.plane.outward) - wall.plane.offset_m);
+        behind.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Name of what lies at a point's mirror image in a wall, floor or ceiling before which it does not lie; empty for
+    /// nothing.
+    fn mirrors(&self, point: DVec3) -> String {
+        let images = self.session.walls().iter().map(|wall| 2.0 * wall.plane.foot(point) - point);
+        let named = images.filter_map(|image| {
+            let near = self.targets.iter().filter(|target| target.distance_to_m(image) <= MIRROR_M);
+            near.map(|target| target.kind.clone()).next()
+        });
+        if self.behind_m(point) > 0.0 { named.take(1).collect() } else { String::new() }
     }
 
     fn cause(&self, point: DVec3) -> Cause {
@@ -300,6 +349,18 @@ impl<'s> Target<'s> {
             }
             TargetGeometry::Wall(_) => f64::INFINITY,
         }
+    }
+
+    /// What was detected of it in the seconds up to a time; `None` for a wall.
+    fn detected(&self, detections: &VecDeque<PastDetection>, until_s: f64) -> Option<Detected> {
+        if matches!(self.geometry, TargetGeometry::Wall(_)) {
+            return None;
+        }
+        let recent = detections.iter().filter(|past| (0.0..DETECTED_S).contains(&(until_s - past.time_s)));
+        let own: Vec<_> = recent.filter(|past| self.distance_to_m(past.position_m) <= FALSE_REPORT_M).collect();
+        let greatest = |value: fn(&PastDetection) -> f64| own.iter().copied().map(value).reduce(f64::max);
+        let (score, log_odds) = (greatest(|past| past.score), greatest(|past| past.log_odds));
+        Some(Detected { count: own.len(), score: score.unwrap_or(0.0), log_odds: log_odds.unwrap_or(0.0) })
     }
 
     fn body_distance_m(&self, head: &Pose) -> f64 {
@@ -407,6 +468,7 @@ impl<'s> Target<'s> {
             lead_m: if self.is_warned { self.lead_m } else { 0.0 },
             errors_m,
             bounds: self.bound_errors(head, scene),
+            detected: None,
         }
     }
 
