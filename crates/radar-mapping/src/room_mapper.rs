@@ -8,6 +8,7 @@
 //! with the ranges of all other detections masked. Both estimates are weighted by their
 //! covariances.
 
+mod background;
 mod config;
 mod imaging;
 mod intake;
@@ -28,6 +29,7 @@ use super::{
     CleanSettings, CleanWindow, Detection, Evidence, HandTrail, HandsM, MovingTarget, MovingTargetTracker, MtiSettings,
     Obstacle, ResponseCache, SavedMap, SavedMapError, TrackSettings, Wall,
 };
+use background::SensorBackground;
 use config::RoomConfig;
 use imaging::Imaging;
 use intake::SweepIntake;
@@ -122,6 +124,7 @@ enum Stage {
 #[derive(Debug)]
 pub struct RoomMapper {
     config: RoomConfig,
+    background: SensorBackground,
     intake: SweepIntake,
     imaging: Imaging,
     window: Window,
@@ -180,6 +183,7 @@ impl RoomMapper {
     /// An empty map; `backlog`: sweeps to process first.
     fn begin(config: RoomConfig, backlog: VecDeque<Observation>) -> Self {
         Self {
+            background: SensorBackground::default(),
             intake: SweepIntake::new(config.settings.subapertures, backlog),
             imaging: Imaging::new(&config),
             window: Window::default(),
@@ -196,16 +200,16 @@ impl RoomMapper {
         }
     }
 
-    /// Restarts from an empty map. Restored objects, the hands' positions and the sweeps of the
-    /// window stay. `keep` may change or drop sweeps; the rest are processed again by
+    /// Restarts from an empty map. Restored objects, the hands' positions, the sensor's background and the
+    /// sweeps of the window stay. `keep` may change or drop sweeps; the rest are processed again by
     /// [`work`](Self::work), before any new ones.
     pub fn restart(&mut self, mut keep: impl FnMut(&mut Observation) -> bool) {
         let work_done = WorkDone { before_restart: self.counters(), ..WorkDone::default() };
         let mut backlog = self.intake.take_sweeps();
         backlog.retain_mut(|sweep| keep(sweep));
-        let hands = std::mem::take(&mut self.hands);
+        let (hands, background) = (std::mem::take(&mut self.hands), std::mem::take(&mut self.background));
         let (points, walls) = (self.objects.take_restored(), self.walls.take_restored());
-        *self = Self { work_done, hands, ..Self::begin(self.config.clone(), backlog) };
+        *self = Self { work_done, hands, background, ..Self::begin(self.config.clone(), backlog) };
         self.objects.restore(&points, self.config.settings.tracks.match_m);
         self.walls.restore(&walls, self.window.middle());
     }
@@ -297,7 +301,8 @@ impl RoomMapper {
     }
 
     /// Adds a sweep and leaves its work to [`work`](Self::work).
-    pub fn push_deferred(&mut self, observation: Observation) {
+    pub fn push_deferred(&mut self, mut observation: Observation) {
+        self.background.subtract(&mut observation);
         if let Some(observation) = self.intake.receive(observation) {
             self.accept(observation);
         }
