@@ -26,7 +26,8 @@ fn at_the_chair(rig: &mut Rig, configuration: &Value, settings: &[&str]) -> (Pro
         let eyes = Eye::both(&rig.path("vr/shots"), Path::new(&near(walk)), &shot);
         (eyes, shot)
     };
-    let (eyes, shot) = (0..WALKS).map(in_walk).find(|(eyes, _)| shows_the_chair(eyes)).expect("the chair stays dark");
+    let (eyes, shot) =
+        (0..WALKS).map(in_walk).find(|(eyes, _)| shows_the_chair(eyes)).expect("the chair was not lit in any walk");
     (program, eyes, shot)
 }
 

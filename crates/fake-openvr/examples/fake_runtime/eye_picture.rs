@@ -94,9 +94,7 @@ impl Surface {
             }
         }
     }
-}
 
-impl Surface {
     /// The corners in the eye's frame: positions of a quad's, directions of a view's.
     fn corners(&self) -> [DVec3; 4] {
         let signs = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];

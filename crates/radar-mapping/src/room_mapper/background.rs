@@ -84,8 +84,8 @@ impl SubsweepBackground {
         let block = &self.block;
         let (age_ns, pause_ns) =
             (sweep.mid_time_ns.saturating_sub(block.first_ns), sweep.mid_time_ns.saturating_sub(block.last_ns));
-        if block.sweeps > 0 && (age_ns >= BLOCK_NS || pause_ns > MAX_PAUSE_NS || block.sums.len() != near) {
-            self.close_block(near);
+        if block.sweeps > 0 && (age_ns >= BLOCK_NS || pause_ns > MAX_PAUSE_NS) {
+            self.close_block();
         }
         if sweep.velocity_m_per_s.length() < MIN_SPEED_M_PER_S {
             return;
@@ -101,11 +101,10 @@ impl SubsweepBackground {
         block.sums.iter_mut().zip(&sweep.samples).for_each(|(sum, sample)| *sum += sample);
     }
 
-    fn close_block(&mut self, near: usize) {
+    fn close_block(&mut self) {
         let sweeps = std::mem::take(&mut self.block.sweeps) as f32;
-        if self.points.len() != near || self.block.sums.len() != near {
-            (self.points, self.blocks) = (vec![PointBackground::default(); near], 0.0);
-        }
+        // The same number of points in every sweep of a subsweep.
+        self.points.resize(self.block.sums.len(), PointBackground::default());
         self.blocks = (self.blocks + 1.0).min(MEMORY_BLOCKS);
         for (point, sum) in self.points.iter_mut().zip(&self.block.sums) {
             point.add(sum / sweeps, self.blocks);

@@ -183,8 +183,7 @@ impl<'s> Scorer<'s> {
         self.record_moving_parts(time_s);
         for target in &mut self.targets {
             if let Some(approach) = target.step(self.session, time_s, step_s, (&head, &sensor), scene, shown) {
-                let detected = target.detected(&self.detections, approach.deadline_s);
-                self.figures.approaches.push(Approach { detected, ..approach });
+                self.figures.approaches.push(target.with_detected(approach, &self.detections));
             }
             self.figures.flickers += u64::from(std::mem::take(&mut target.flickered));
         }
@@ -195,9 +194,8 @@ impl<'s> Scorer<'s> {
     /// Ends the session. `reports` is the number of obstacles in the map.
     pub fn end(mut self, reports: usize) -> Figures {
         for target in &mut self.targets {
-            let Some(approach) = target.end() else { continue };
-            let detected = target.detected(&self.detections, approach.deadline_s);
-            self.figures.approaches.push(Approach { detected, ..approach });
+            let approach = target.end().map(|approach| target.with_detected(approach, &self.detections));
+            self.figures.approaches.extend(approach);
         }
         self.figures.approaches.sort_by(|a, b| a.deadline_s.total_cmp(&b.deadline_s));
         if let Some(was_known) = self.removal.was_known {
@@ -236,10 +234,9 @@ impl<'s> Scorer<'s> {
             }
             let cause = report.cause.unwrap_or(Cause::Nothing);
             let is_wall = matches!(key, ReportId::Wall(_));
-            for is_near in
-                [(is_false && !report.is_false).then_some(false), (is_near && !report.is_near).then_some(true)]
-            {
-                let Some(is_near) = is_near else { continue };
+            let first_anywhere = (is_false && !report.is_false).then_some(false);
+            let came_near = (is_near && !report.is_near).then_some(true);
+            for is_near in first_anywhere.into_iter().chain(came_near) {
                 let (position_m, behind_m, mirrors) = (point.to_array(), self.behind_m(point), self.mirrors(point));
                 let report = FalseReport { time_s, cause, is_wall, is_near, position_m, behind_m, mirrors };
                 self.figures.false_reports.push(report);
@@ -268,15 +265,15 @@ impl<'s> Scorer<'s> {
         behind.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Name of what lies at a point's mirror image in a wall, floor or ceiling before which it does not lie; empty for
-    /// nothing.
+    /// For a point outside the room: name of what lies at its mirror image in a wall, floor or ceiling; empty for
+    /// nothing, and inside.
     fn mirrors(&self, point: DVec3) -> String {
+        if self.behind_m(point) <= 0.0 {
+            return String::new();
+        }
         let images = self.session.walls().iter().map(|wall| 2.0 * wall.plane.foot(point) - point);
-        let named = images.filter_map(|image| {
-            let near = self.targets.iter().filter(|target| target.distance_to_m(image) <= MIRROR_M);
-            near.map(|target| target.kind.clone()).next()
-        });
-        if self.behind_m(point) > 0.0 { named.take(1).collect() } else { String::new() }
+        let mut near = images.filter_map(|image| self.targets.iter().find(|t| t.distance_to_m(image) <= MIRROR_M));
+        near.next().map_or_else(String::new, |target| target.kind.clone())
     }
 
     fn cause(&self, point: DVec3) -> Cause {
@@ -351,16 +348,18 @@ impl<'s> Target<'s> {
         }
     }
 
-    /// What was detected of it in the seconds up to a time; `None` for a wall.
-    fn detected(&self, detections: &VecDeque<PastDetection>, until_s: f64) -> Option<Detected> {
+    /// Its approach with what was detected of it in the seconds before the deadline.
+    fn with_detected(&self, approach: Approach, detections: &VecDeque<PastDetection>) -> Approach {
         if matches!(self.geometry, TargetGeometry::Wall(_)) {
-            return None;
+            return approach;
         }
-        let recent = detections.iter().filter(|past| (0.0..DETECTED_S).contains(&(until_s - past.time_s)));
+        let before_s = |past: &PastDetection| approach.deadline_s - past.time_s;
+        let recent = detections.iter().filter(|past| (0.0..DETECTED_S).contains(&before_s(past)));
         let own: Vec<_> = recent.filter(|past| self.distance_to_m(past.position_m) <= FALSE_REPORT_M).collect();
         let greatest = |value: fn(&PastDetection) -> f64| own.iter().copied().map(value).reduce(f64::max);
         let (score, log_odds) = (greatest(|past| past.score), greatest(|past| past.log_odds));
-        Some(Detected { count: own.len(), score: score.unwrap_or(0.0), log_odds: log_odds.unwrap_or(0.0) })
+        let detected = Detected { count: own.len(), score: score.unwrap_or(0.0), log_odds: log_odds.unwrap_or(0.0) };
+        Approach { detected: Some(detected), ..approach }
     }
 
     fn body_distance_m(&self, head: &Pose) -> f64 {
