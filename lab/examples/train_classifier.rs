@@ -1,63 +1,99 @@
-//! Trains the classifier that separates objects from artefacts, and scores it on other rooms:
+//! Trains the classifier that separates objects from artefacts, and scores it on rooms of another kind:
 //!
-//!     cargo run --release -p lab --example train_classifier -- train 20..50 > new.json
-//!     cargo run --release -p lab --example train_classifier -- score 2000..2006 > scored.json
+//!     cargo run --release -p lab --example train_classifier -- play office 20..44 > office.csv
+//!     cargo run --release -p lab --example train_classifier -- play points 20..32 > points.csv
+//!     cargo run --release -p lab --example train_classifier -- play dining 20..26 > dining.csv
+//!     cargo run --release -p lab --example train_classifier -- train office.csv points.csv > new.json
+//!     cargo run --release -p lab --example train_classifier -- score dining.csv > scored.json
 //!
-//! The output replaces the model file of `radar_mapping::Model`. `score` prints the program's own
-//! model with the score in its card.
+//! The output of `train` replaces the model file of `radar_mapping::Model`. `score` prints the program's own model with
+//! the score in its card. `--without "height (m)"` trains without a feature, and may be repeated.
 //!
-//! Each room is played for four minutes; from another seed for one minute, since little is known at
-//! a session's start; from a third for three minutes with the slower preset c16; and from a fourth
-//! for two minutes with walls that return 20 dB more, as metal does. Rooms that figures are taken
-//! from must not be trained on. The examples depend slightly on the model in use: after a large
-//! change of the mapper, train twice.
+//! Each seed is another room, and the rooms take turns in what they are played with ([`SESSIONS`]). Rooms that figures
+//! are taken from must not be trained on. The examples depend slightly on the model in use: after a large change of the
+//! mapper, train twice.
 
 use std::ops::Range;
 
 use a121::preset;
+use anyhow::{Context, Result, bail};
 use lab::experiments::{PlayTrial, TrainingSet};
 use radar_chaperone::settings::Settings;
-use radar_mapping::Model;
-use radar_simulation::PlaySession;
+use radar_mapping::{FEATURES, Model};
+use radar_simulation::{Headset, PlaySession, PlayWorld, SensorEffects};
 
-/// Preset, minutes, extra reflection of the walls in dB, and offset of these sessions' seeds.
-const SESSIONS: [(&str, f64, f64, u64); 4] =
-    [("d16", 4.0, 0.0, 0), ("d16", 1.0, 0.0, 100_000), ("c16", 3.0, 0.0, 200_000), ("d16", 2.0, 20.0, 300_000)];
-const USAGE: &str = "usage: train_classifier train|score FIRST..END (seeds)";
+/// Preset, minutes, whether the sensor has its measured imperfections, and headset.
+const SESSIONS: [(&str, f64, bool, Headset); 4] = [
+    ("d16", 3.0, true, Headset::Lighthouse),
+    ("d16", 2.0, true, Headset::InsideOut),
+    ("c16", 2.0, true, Headset::Lighthouse),
+    ("d16", 1.0, false, Headset::Nominal),
+];
+const USAGE: &str = "usage: train_classifier play WORLD FIRST..END | train FILE.. [--without FEATURE].. | score FILE..";
 
-fn main() {
+fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [what, seeds] = &arguments[..] else { panic!("{USAGE}") };
-    let (first, end) = seeds.split_once("..").expect(USAGE);
-    let seeds = first.parse().expect(USAGE)..end.parse().expect(USAGE);
     let command = format!("cargo run --release -p lab --example train_classifier -- {}", arguments.join(" "));
-    let sessions = training_set(&seeds);
-    let model = match what.as_str() {
-        "train" => {
-            let rooms = seeds.count();
-            let worlds = format!(
-                "simulated play sessions in {rooms} furnished rooms, each 4 min and 1 min of d16, 3 min of c16, 2 min of d16 \
-                 with walls 20 dB stronger"
-            );
-            sessions.train(command, worlds)
+    let (what, of) = arguments.split_first().context(USAGE)?;
+    match (what.as_str(), of) {
+        ("play", [world, seeds]) => {
+            let (first, end) = seeds.split_once("..").context(USAGE)?;
+            print!("{}", played(PlayWorld::from_name(world)?, first.parse()?..end.parse()?)?.to_csv());
         }
-        "score" => Model::embedded().clone().with_held_out(sessions.score(Model::embedded(), command)),
-        _ => panic!("{USAGE}"),
-    };
-    print!("{}", model.to_json());
+        ("train", of) => {
+            let (files, without) = files_and_features(of)?;
+            let worlds = format!("simulated play sessions, their examples in {}", files.join(", "));
+            print!("{}", read(&files)?.without(&without).train(command, worlds).to_json());
+        }
+        ("score", files) => {
+            let score = read(files)?.score(Model::embedded(), command);
+            print!("{}", Model::embedded().clone().with_held_out(score).to_json());
+        }
+        _ => bail!(USAGE),
+    }
+    Ok(())
 }
 
-fn training_set(seeds: &Range<u64>) -> TrainingSet {
-    let each = SESSIONS.map(|(name, minutes, walls_db, from)| {
-        preset_training_set(name, minutes, walls_db, seeds.clone().map(|seed| seed + from))
-    });
-    each.into_iter().fold(TrainingSet::default(), TrainingSet::merged)
+fn played(world: PlayWorld, seeds: Range<u64>) -> Result<TrainingSet> {
+    let mut examples = TrainingSet::default();
+    for (n, (name, minutes, is_measured, headset)) in SESSIONS.into_iter().enumerate() {
+        let config = preset(name).with_context(|| format!("there is no preset {name}"))?;
+        let effects = if is_measured { SensorEffects::MEASURED } else { SensorEffects::NONE };
+        // The visitor is a person, not an object.
+        let session = PlaySession {
+            duration_s: 60.0 * minutes,
+            visitor: false,
+            world,
+            effects,
+            errors: headset.errors(),
+            ..PlaySession::new(config, 0)
+        };
+        let trial = PlayTrial { session, settings: Settings::default(), controllers: false };
+        let seeds: Vec<u64> = seeds.clone().skip(n).step_by(SESSIONS.len()).collect();
+        examples = examples.merged(TrainingSet::of(&trial, &seeds)?);
+    }
+    Ok(examples)
 }
 
-fn preset_training_set(name: &str, minutes: f64, walls_db: f64, seeds: impl Iterator<Item = u64>) -> TrainingSet {
-    let config = preset(name).unwrap_or_else(|| panic!("there is no preset {name}"));
-    // The visitor is a person, not an object.
-    let session = PlaySession { duration_s: 60.0 * minutes, visitor: false, walls_db, ..PlaySession::new(config, 0) };
-    let trial = PlayTrial { session, settings: Settings::default(), controllers: false };
-    TrainingSet::of(&trial, &seeds.collect::<Vec<u64>>()).unwrap_or_else(|error| panic!("{error}"))
+/// What to read, and the features to train without.
+fn files_and_features(arguments: &[String]) -> Result<(Vec<String>, Vec<usize>)> {
+    let (mut files, mut without) = (Vec::new(), Vec::new());
+    let mut left = arguments.iter();
+    while let Some(argument) = left.next() {
+        if argument == "--without" {
+            let name = left.next().context(USAGE)?;
+            let feature = FEATURES.iter().position(|feature| feature == name);
+            without.push(feature.with_context(|| format!("no feature \"{name}\": use one of {FEATURES:?}"))?);
+        } else {
+            files.push(argument.clone());
+        }
+    }
+    Ok((files, without))
+}
+
+fn read(files: &[String]) -> Result<TrainingSet> {
+    files.iter().try_fold(TrainingSet::default(), |set, file| {
+        let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {file}"))?;
+        Ok(set.merged(TrainingSet::from_csv(&text).with_context(|| file.clone())?))
+    })
 }

@@ -12,7 +12,7 @@ mod thesis;
 mod trial_recording;
 
 pub use benchmark::{Benchmark, BenchmarkError, Case, Plan, Row, Search, present};
-pub use classifier_training::TrainingSet;
+pub use classifier_training::{CsvError, TrainingSet};
 pub use live_latency::LiveLatency;
 pub use noise_alarms::NoiseAlarms;
 pub use pipeline_cost::PipelineCost;

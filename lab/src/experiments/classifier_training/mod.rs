@@ -1,7 +1,8 @@
 //! Trains and scores the classifier that separates objects from artefacts, on simulated play
 //! sessions with known truth.
 //!
-//! A detection within 25 cm of an object's scatterer is a positive example. One where nothing is
+//! Sessions are played once; their examples are kept as a table (CSV), from which models are trained and scored with
+//! and without single features. A detection within 25 cm of an object's scatterer is a positive example. One where nothing is
 //! present is a negative example. One on a wall, the floor or the ceiling is a negative example of
 //! lower weight: surfaces are reported as planes, so it misleads nobody. Detections of the same
 //! place in many updates share one place's weight: n of them count √n.
@@ -64,6 +65,34 @@ impl TrainingSet {
         self
     }
 
+    /// The same with these features the same in every example, so that nothing is learned from them.
+    #[must_use]
+    pub fn without(mut self, features: &[usize]) -> Self {
+        for row in &mut self.rows {
+            features.iter().for_each(|&feature| row.features[feature] = 0.0);
+        }
+        self
+    }
+
+    /// As CSV: a heading with the features' names, then one example a line. Read back exactly.
+    pub fn to_csv(&self) -> String {
+        let line = |row: &LabelledFeatures<{ FEATURES.len() }>| {
+            let features: String = row.features.iter().map(|value| format!("{value},")).collect();
+            format!("{features}{},{}\n", u8::from(row.is_object), row.weight)
+        };
+        std::iter::once(csv_heading()).chain(self.rows.iter().map(line)).collect()
+    }
+
+    /// Reads [`Self::to_csv`].
+    ///
+    /// # Errors
+    /// Examples of other features, or a line that is not of numbers.
+    pub fn from_csv(text: &str) -> Result<Self, CsvError> {
+        let body = text.strip_prefix(csv_heading().as_str()).ok_or(CsvError::Heading)?;
+        let row = |(n, line): (usize, &str)| from_csv_line(line).ok_or(CsvError::Line(n + 2));
+        Ok(Self { rows: body.lines().enumerate().map(row).collect::<Result<_, _>>()? })
+    }
+
     /// Number of positive examples (objects) and of negative examples.
     pub fn counts(&self) -> (usize, usize) {
         let things = self.rows.iter().filter(|row| row.is_object).count();
@@ -119,6 +148,28 @@ impl TrainingSet {
             area_under_curve: to_4_places(ordered / (of(true) * of(false))),
         }
     }
+}
+
+/// Why a table of examples is refused.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum CsvError {
+    /// Other columns.
+    #[error("the examples are of other features than this program computes: play the sessions again")]
+    Heading,
+    /// Not numbers, or too many or too few.
+    #[error("line {0} of the examples is broken")]
+    Line(usize),
+}
+
+fn csv_heading() -> String {
+    format!("{},is object,weight\n", FEATURES.join(","))
+}
+
+fn from_csv_line(line: &str) -> Option<LabelledFeatures<{ FEATURES.len() }>> {
+    let numbers: Vec<f64> = line.split(',').map(|number| number.parse().ok()).collect::<Option<_>>()?;
+    let (&features, &[is_object, weight]) = numbers.split_first_chunk()? else { return None };
+    let is_sound = !features.iter().any(|value| value.is_nan()) && weight.is_finite() && weight > 0.0;
+    is_sound.then_some(LabelledFeatures { features, is_object: is_object != 0.0, weight })
 }
 
 /// Rounds to four decimals, as the model file stores them.
@@ -179,6 +230,19 @@ mod tests {
         let mut features = [0.0; FEATURES.len()];
         features[16] = strength;
         LabelledFeatures { features, is_object, weight: 1.0 }
+    }
+
+    #[test]
+    fn examples_are_written_and_read_exactly_and_others_refused() {
+        let set = TrainingSet { rows: vec![row(0.1, true), row(-1.0 / 3.0, false)] };
+        let text = set.to_csv();
+        assert_eq!(TrainingSet::from_csv(&text).unwrap().rows, set.rows);
+        let refused = |text: &str| TrainingSet::from_csv(text).unwrap_err();
+        assert_eq!(refused(&text.replace("ln score", "score")), CsvError::Heading);
+        for broken in [text.replace("0.1", "NaN"), text.replace("0.1,", ""), text.replace("0.1", "x")] {
+            assert_eq!(refused(&broken), CsvError::Line(2));
+        }
+        assert!(set.without(&[16]).rows.iter().all(|row| row.features[16] == 0.0));
     }
 
     #[test]
