@@ -85,6 +85,12 @@ pub(crate) struct Sampling {
     pub seed: u64,
 }
 
+impl Sampling {
+    fn of_world(world: &World) -> Self {
+        Self { spacing_m: OBJECT_SPACING_M, shell_spacing_m: SHELL_SPACING_M, seed: world.seed }
+    }
+}
+
 /// Everything that stands still and returns echoes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct EchoScene {
@@ -104,8 +110,14 @@ impl EchoScene {
     pub fn of_world(world: &World, removed: bool) -> Self {
         let there = |n: &usize| !(removed && *n == world.removable);
         let objects = (0..world.objects.len()).filter(there).map(|n| (n as u64, &world.objects[n].parts));
-        let sampling = Sampling { spacing_m: OBJECT_SPACING_M, shell_spacing_m: SHELL_SPACING_M, seed: world.seed };
-        Self::new(&world.shell.parts, objects, world.floor_reflectivity(), &sampling)
+        Self::new(&world.shell.parts, objects, world.floor_reflectivity(), &Sampling::of_world(world))
+    }
+
+    /// One object of the world alone, by its index, in the shadow of everything in this scene.
+    pub fn alone(&self, world: &World, object: usize) -> Self {
+        let parts = [(object as u64, &world.objects[object].parts)];
+        let alone = Self::new(&Parts::default(), parts, world.floor_reflectivity(), &Sampling::of_world(world));
+        Self { occluders: self.occluders.clone(), mirrors: Vec::new(), ..alone }
     }
 
     /// Of a room's shell, which mirrors, and of objects. Each object comes with a number of its own: its points
@@ -177,11 +189,7 @@ impl EchoScene {
     /// The same, with the visibility computed up to 50 ms before.
     pub fn paths_seen(&self, visibility: &Visibility, sensor: &[Pose; 3], moving: &MovingBodies) -> Vec<EchoPath> {
         let mut view = View::new(visibility, sensor, moving);
-        view.add_faces(self);
-        view.add_lines(self);
-        for cluster in &visibility.clusters {
-            view.add_cluster(self, cluster);
-        }
+        self.add_direct(&mut view, visibility);
         view.add_bodies(self, moving);
         view.add_double_bounces();
         for link in &visibility.point_links {
@@ -192,6 +200,31 @@ impl EchoScene {
         }
         view.add_mirrored_bodies(self, moving);
         view.paths
+    }
+
+    /// The direct paths alone, of what stands still.
+    pub fn direct_paths_seen(
+        &self,
+        visibility: &Visibility,
+        sensor: &[Pose; 3],
+        moving: &MovingBodies,
+    ) -> Vec<EchoPath> {
+        let mut view = View::new(visibility, sensor, moving);
+        self.add_direct(&mut view, visibility);
+        view.paths
+    }
+
+    fn add_direct(&self, view: &mut View, visibility: &Visibility) {
+        view.add_faces(self);
+        view.add_lines(self);
+        for cluster in &visibility.clusters {
+            view.add_cluster(self, cluster);
+        }
+    }
+
+    /// Field transmission along a straight path between two points.
+    pub fn transmission(&self, from_m: glam::DVec3, to_m: glam::DVec3) -> f64 {
+        self.occluders.transmission(from_m, to_m)
     }
 
     /// Numbers of faces, lines, points and mirrors.

@@ -8,40 +8,38 @@
 //! A room is of point scatterers, without multipath and shadows, or of surfaces, with them
 //! ([`PlayWorld`]).
 
+mod frames;
 mod hands;
 mod outline;
 mod physical;
 mod play_world;
 mod player;
 mod rooms;
+#[cfg(test)]
+mod session_tests;
+mod sight;
 mod visitor;
 
 use std::f64::consts::TAU;
 
-use glam::{DQuat, DVec3};
-use num_complex::{Complex, Complex64};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
-
-use super::echoes::{EchoPath, Posture, Walk, walking_cat, walking_person, wearer};
-use super::receiver::MovingScatterer;
-use super::sampler::{Sampler, Surroundings};
+use super::echoes::{Posture, Walk, walking_cat, walking_person, wearer};
 use super::scenario::{default_mount, host_ns};
-use super::sensor::{SensorModel, SubsweepOfFrame, unit_amplitude_lsb};
+use super::sensor::SensorModel;
 use super::tracker::Tracker;
 use super::truth_builder::TruthBuilder;
-use super::truth_builder::{IN_BEAM_AMPLITUDE, IN_BEAM_M};
 use super::world::World;
 use super::{Room, Scatterer, SceneObject, SensorEffects, Simulated, TrackingErrors, WallPanel};
-use a121::{ConfigError, Frame, SensorConfig, Subsweep, frame_timing, noise_rms_lsb};
+use a121::{ConfigError, SensorConfig};
+use glam::{DQuat, DVec3};
 use radar_sar::Beam;
 use radar_sar::PoseSample;
 use radar_sar::geometry::{Plane, Pose};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use hands::Hands;
 use outline::Outline;
-use physical::{Movers, PathLimits, PhysicalRoom, frames_per_visibility, truth_room};
+use physical::{Movers, PhysicalRoom, truth_room};
 pub use play_world::{PlayWorld, PlayWorldError};
 use player::Player;
 use rooms::play_room;
@@ -290,115 +288,6 @@ impl Session {
         parts_m.into_iter().map(|part_m| self.tracking_from_room.transform_point(part_m)).collect()
     }
 
-    /// Whether a point is in the beam, by amplitude and distance.
-    pub fn is_in_beam(&self, tracking_from_sensor: &Pose, point: DVec3) -> bool {
-        let to = point - tracking_from_sensor.translation;
-        let cos = to.normalize_or_zero().dot(tracking_from_sensor.forward());
-        to.length() <= IN_BEAM_M && self.play.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
-    }
-
-    /// Number of frames of the session.
-    pub fn frame_count(&self) -> u64 {
-        let timing = frame_timing(&self.play.config);
-        ((self.play.duration_s - timing.frame_s) / timing.frame_period_s).floor().max(0.0) as u64 + 1
-    }
-
-    /// Frames by number, computed in parallel; the result does not depend on the number of threads.
-    pub fn frames(&self, numbers: std::ops::Range<u64>) -> Vec<Frame> {
-        match &self.physical {
-            Some(physical) => self.physical_frames(physical, numbers),
-            None => numbers.into_par_iter().map(|number| self.point_frame(number)).collect(),
-        }
-    }
-
-    /// A frame in a room of points.
-    fn point_frame(&self, number: u64) -> Frame {
-        let PlaySession { config, beam, .. } = &self.play;
-        let sampler = Sampler { config, beam, sensor: &self.sensor, rcs_offset_db: 0.0 };
-        let start_s = self.start_s(number);
-        let mut samples: Vec<Complex<i16>> = Vec::with_capacity(config.points_per_frame());
-        let surroundings = |first_s: f64, last_s: f64| self.surroundings(first_s, last_s);
-        let data_saturated = sampler.frame(number, start_s, |t| self.sensor_in_room(t), surroundings, &mut samples);
-        self.frame(start_s, data_saturated, samples)
-    }
-
-    /// Frames in a physical world. Neighbours share what is seen, by their numbers.
-    fn physical_frames(&self, physical: &PhysicalRoom, numbers: std::ops::Range<u64>) -> Vec<Frame> {
-        let timing = frame_timing(&self.play.config);
-        let group = frames_per_visibility(timing.frame_period_s);
-        let groups = numbers.start / group..numbers.end.div_ceil(group);
-        let frames = groups.into_par_iter().flat_map_iter(|n| {
-            let (first, beyond) = ((n * group).max(numbers.start), ((n + 1) * group).min(numbers.end));
-            let middle_s = (n as f64 + 0.5) * group as f64 * timing.frame_period_s;
-            let removed = middle_s >= self.removed_s;
-            let sensor = self.sensor_in_room(middle_s);
-            let seen = physical.visibility(removed, &sensor, &self.play.beam, self.path_limits());
-            let frame = |number: u64| {
-                let start_s = self.start_s(number);
-                let times_s = [0.0, 0.5, 1.0].map(|share| start_s + share * timing.frame_s);
-                let paths =
-                    physical.paths(removed, &seen, &times_s.map(|t| self.sensor_in_room(t)), &self.movers(times_s));
-                self.physical_frame(number, &paths)
-            };
-            (first..beyond).map(frame).collect::<Vec<_>>()
-        });
-        frames.collect()
-    }
-
-    fn physical_frame(&self, number: u64, paths: &[EchoPath]) -> Frame {
-        let PlaySession { config, beam, .. } = &self.play;
-        let timing = frame_timing(config);
-        let start_s = self.start_s(number);
-        let sums = config.subsweeps.iter().enumerate().map(|(index, subsweep)| {
-            let bias_m = self.sensor.range_bias_m(index);
-            let of_frame = SubsweepOfFrame {
-                unit_lsb: unit_amplitude_lsb(subsweep, beam),
-                ..SubsweepOfFrame::new(subsweep, index, config.sweeps_per_frame, &timing, bias_m)
-            };
-            of_frame.sum(if self.sensor.hears_echoes(index) { paths } else { &[] })
-        });
-        let mut sums: Vec<Vec<Vec<Complex64>>> = sums.collect();
-        let mut state = self.sensor.frame(number, start_s);
-        let mut samples = Vec::with_capacity(config.points_per_frame());
-        let mut data_saturated = false;
-        for sweep in 0..config.sweeps_per_frame as usize {
-            for (index, sums) in sums.iter_mut().enumerate() {
-                let time_s = start_s + sweep as f64 * timing.sweep_period_s + timing.subsweeps[index].0;
-                data_saturated |= state.convert(index, time_s, std::mem::take(&mut sums[sweep]), &mut samples);
-            }
-        }
-        self.frame(start_s, data_saturated, samples)
-    }
-
-    fn start_s(&self, number: u64) -> f64 {
-        number as f64 * frame_timing(&self.play.config).frame_period_s
-    }
-
-    fn frame(&self, start_s: f64, data_saturated: bool, samples: Vec<Complex<i16>>) -> Frame {
-        let end_s = start_s + frame_timing(&self.play.config).frame_s;
-        Frame {
-            tick: (end_s * 1e6).round() as i64,
-            host_time_ns: host_ns(end_s),
-            temperature_c: self.sensor.temperature_c(start_s).round() as i16,
-            data_saturated,
-            frame_delayed: false,
-            calibration_needed: false,
-            samples,
-        }
-    }
-
-    /// Paths below a hundredth of the noise, or beyond the last point by the pulse's length, are left
-    /// out.
-    fn path_limits(&self) -> PathLimits {
-        let PlaySession { config, beam, .. } = &self.play;
-        let weakest = |subsweep: &Subsweep| 0.01 * noise_rms_lsb(subsweep) / unit_amplitude_lsb(subsweep, beam);
-        let farthest_m = |subsweep: &Subsweep| subsweep.last_m() + 1.6 * subsweep.profile.envelope_fwhm_m() + 0.05;
-        PathLimits {
-            min_amplitude: config.subsweeps.iter().map(weakest).fold(f64::INFINITY, f64::min),
-            max_range_m: config.subsweeps.iter().map(farthest_m).fold(0.0, f64::max),
-        }
-    }
-
     /// Those who move, at three times; one who arrives or leaves between them is not there.
     fn movers(&self, times_s: [f64; 3]) -> Movers {
         let postures = |visitor: &Option<Visitor>, posture: fn(&Walk) -> Posture| {
@@ -425,17 +314,6 @@ impl Session {
     /// True `room_from_sensor`.
     fn sensor_in_room(&self, time_s: f64) -> Pose {
         self.player.head_at(time_s) * self.true_mount
-    }
-
-    fn surroundings(&self, first_s: f64, last_s: f64) -> Surroundings<'_> {
-        let middle_s = 0.5 * (first_s + last_s);
-        let room = if middle_s < self.removed_s { &self.before } else { &self.after };
-        let [first, middle, last] = [first_s, middle_s, last_s].map(|t| self.moving_at(t));
-        // A visitor who arrives or leaves during a sweep is not in it.
-        let whole = first.len() == middle.len() && last.len() == middle.len();
-        let ways = first.iter().zip(&last).map(|(a, b)| b.position_m - a.position_m);
-        let moving = middle.iter().zip(ways).filter(|_| whole);
-        Surroundings { room, moving: moving.map(|(&scatterer, way)| MovingScatterer { scatterer, way }).collect() }
     }
 
     fn moving_at(&self, time_s: f64) -> Vec<Scatterer> {
@@ -466,133 +344,5 @@ impl Session {
             let time_s = n as f64 / rate_hz - MARGIN_S;
             tracker.measure(time_s, &self.head_at(time_s)).sample(host_ns)
         })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use a121::preset;
-
-    fn session(seed: u64, duration_s: f64) -> Session {
-        PlaySession { duration_s, ..PlaySession::new(preset("d16").unwrap(), seed) }.prepare().unwrap()
-    }
-
-    #[test]
-    fn same_seed_gives_same_session_on_any_thread_count() {
-        let (a, b) = (session(3, 4.0), session(3, 4.0));
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        assert_eq!(a.frames(100..120), pool.install(|| b.frames(100..120)));
-        assert!(a.poses().eq(b.poses()));
-        assert_ne!(a.frames(100..101), session(4, 4.0).frames(100..101));
-        assert_eq!(a.frame_count(), a.frames(0..a.frame_count()).len() as u64);
-    }
-
-    fn physical(world: PlayWorld, seed: u64, duration_s: f64) -> Session {
-        let play = PlaySession { duration_s, world, ..PlaySession::new(preset("d16").unwrap(), seed) };
-        play.prepare().unwrap()
-    }
-
-    #[test]
-    fn physical_frames_depend_on_neither_threads_nor_ranges() {
-        for world in [PlayWorld::Office, PlayWorld::Dining, PlayWorld::Living] {
-            let session = physical(world, 5, 4.0);
-            let whole = session.frames(100..110);
-            let parts = [session.frames(100..104), session.frames(104..110)].concat();
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-            assert_eq!(whole, parts);
-            assert_eq!(whole, pool.install(|| session.frames(100..110)));
-            let noise = noise_rms_lsb(&session.play.config.subsweeps[0]);
-            let strongest =
-                whole.iter().flat_map(|frame| &frame.samples).map(|s| f64::from(s.re).hypot(f64::from(s.im)));
-            assert!(strongest.fold(0.0, f64::max) > 5.0 * noise, "{world:?} is silent");
-        }
-    }
-
-    #[test]
-    fn players_of_physical_worlds_come_near_furniture_and_walk_through_none() {
-        for world in [PlayWorld::Office, PlayWorld::Dining, PlayWorld::Living] {
-            for seed in 0..4 {
-                let session = physical(world, seed, 120.0);
-                assert!(session.things().iter().any(|object| object.until_s.is_finite()));
-                assert!(session.things().iter().any(|object| object.thing.name == "soft chair"));
-                let level = |p: DVec3| DVec3::new(p.x, 0.0, p.z);
-                let mut nearest_m = f64::INFINITY;
-                for n in 0..1200 {
-                    let head = session.player.head_at(f64::from(n) * 0.1).translation;
-                    let away = session.before.scatterers().map(|s| level(s.position_m).distance(level(head)));
-                    nearest_m = away.fold(nearest_m, f64::min);
-                }
-                assert!((0.12..0.7).contains(&nearest_m), "{world:?} {seed}: {nearest_m}");
-            }
-        }
-    }
-
-    #[test]
-    fn motion_is_continuous_and_avoids_furniture() {
-        for seed in 0..4 {
-            let session = session(seed, 60.0);
-            let parts = |t: f64| session.moving_at(t).iter().map(|s| s.position_m).collect::<Vec<_>>();
-            for n in 0..6000 {
-                let (t, next) = (f64::from(n) * 0.01, f64::from(n + 1) * 0.01);
-                let head = session.player.head_at(t);
-                assert!(
-                    head.translation.distance(session.player.head_at(next).translation) < 0.03,
-                    "seed {seed} at {t}"
-                );
-                let (now, then) = (parts(t), parts(next));
-                if now.len() == then.len() {
-                    let step = now.iter().zip(&then).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
-                    assert!(step < 0.09, "seed {seed} at {t}: {step}");
-                }
-                let body = |p: DVec3| DVec3::new(p.x - head.translation.x, 0.0, p.z - head.translation.z).length();
-                let nearest = session.before.scatterers().map(|s| body(s.position_m)).fold(f64::INFINITY, f64::min);
-                assert!(nearest > 0.15, "seed {seed} at {t}: {nearest}");
-            }
-        }
-    }
-
-    #[test]
-    fn player_approaches_furniture_and_visitor_crosses_twice() {
-        let session = session(1, 120.0);
-        let times: Vec<f64> = (0..1200).map(|n| f64::from(n) * 0.1).collect();
-        let level = |a: DVec3, b: DVec3| DVec3::new(a.x - b.x, 0.0, a.z - b.z).length();
-        let objects = session.things();
-        let near = objects.iter().filter(|session_object| {
-            let nearest = |t: &f64| {
-                let head = session.head_at(*t).translation;
-                session_object.thing.scatterers.iter().map(|s| level(s.position_m, head)).fold(f64::INFINITY, f64::min)
-            };
-            times.iter().map(nearest).fold(f64::INFINITY, f64::min) < 0.5
-        });
-        assert!(near.count() >= 3);
-        let there: Vec<bool> = times.iter().map(|t| !session.visitor_at(*t).is_empty()).collect();
-        assert_eq!(there.windows(2).filter(|w| !w[0] && w[1]).count(), 2);
-        let gone = session.things().iter().filter(|session_object| session_object.until_s == 60.0).count();
-        assert_eq!(gone, 1);
-    }
-
-    #[test]
-    fn reported_coordinates_are_the_room_transformed() {
-        let session = session(2, 20.0);
-        let turned_rad = session.tracking_from_room.rotation.to_scaled_axis();
-        assert!(turned_rad.x.hypot(turned_rad.z) < 1e-12 && turned_rad.y.abs() > 0.01, "{turned_rad}");
-        for time_s in [0.0, 7.3, 15.0] {
-            let (tracked, room) = (session.sensor_at(time_s), session.sensor_in_room(time_s));
-            let tracked_scatterers =
-                session.things().into_iter().flat_map(|session_object| &session_object.thing.scatterers);
-            for (there, here) in tracked_scatterers.zip(session.before.scatterers()) {
-                let towards = |from: &Pose, to: &Scatterer| {
-                    let way = to.position_m - from.translation;
-                    DVec3::new(way.length(), way.normalize().dot(from.forward()), to.rcs_towards_dbsm(-way.normalize()))
-                };
-                assert!(towards(&tracked, there).distance(towards(&room, here)) < 1e-9);
-            }
-            for (wall, panel) in session.walls().iter().zip(&session.before.walls) {
-                let away_m = wall.plane.distance(tracked.translation);
-                assert!((away_m - panel.plane.distance(room.translation)).abs() < 1e-9);
-                assert!((wall.distance_m(tracked.translation) - panel.extent.distance(room.translation)).abs() < 1e-9);
-            }
-        }
     }
 }

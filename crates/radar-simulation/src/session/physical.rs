@@ -26,6 +26,8 @@ const VISIBILITY_S: f64 = 0.045;
 pub(super) struct PhysicalRoom {
     before: EchoScene,
     after: EchoScene,
+    /// Each object of the truth alone, before and after the removal, in the shadow of all others.
+    alone: Vec<[EchoScene; 2]>,
     wearer: BodyShape,
     visitor: BodyShape,
     pet: BodyShape,
@@ -48,9 +50,12 @@ pub(super) struct PathLimits {
 
 impl PhysicalRoom {
     pub fn new(world: &World, seed: u64) -> Self {
+        let (before, after) = (EchoScene::of_world(world, false), EchoScene::of_world(world, true));
+        let alone = |(n, _): (usize, _)| [&before, &after].map(|scene| scene.alone(world, n));
         Self {
-            before: EchoScene::of_world(world, false),
-            after: EchoScene::of_world(world, true),
+            alone: free_objects(world).map(alone).collect(),
+            before,
+            after,
             wearer: wearer_shape(seed),
             visitor: person_shape(seed ^ 0x0715_1703),
             pet: cat_shape(seed),
@@ -69,6 +74,30 @@ impl PhysicalRoom {
 
     /// Paths while the sensor is at three poses and the bodies in three postures each.
     pub fn paths(&self, removed: bool, visibility: &Visibility, sensor: &[Pose; 3], movers: &Movers) -> Vec<EchoPath> {
+        self.scene(removed).paths_seen(visibility, sensor, &self.moving(movers))
+    }
+
+    /// Direct paths of one object of the truth, by its index there, in the shadow of all else.
+    pub fn direct_paths(
+        &self,
+        object: usize,
+        removed: bool,
+        sensor: &Pose,
+        beam: &Beam,
+        limits: PathLimits,
+        movers: &Movers,
+    ) -> Vec<EchoPath> {
+        let scene = &self.alone[object][usize::from(removed)];
+        let visibility = scene.visibility(sensor, beam, limits.min_amplitude, limits.max_range_m);
+        scene.direct_paths_seen(&visibility, &[*sensor; 3], &self.moving(movers))
+    }
+
+    /// Whether at least half of the field passes between two points.
+    pub fn has_line_of_sight(&self, removed: bool, from_m: DVec3, to_m: DVec3) -> bool {
+        self.scene(removed).transmission(from_m, to_m) >= 0.5
+    }
+
+    fn moving(&self, movers: &Movers) -> MovingBodies {
         let mut moving = MovingBodies::default();
         let Movers { wearer, visitor, pet } = movers;
         for (shape, postures) in [(&self.wearer, wearer), (&self.visitor, visitor), (&self.pet, pet)] {
@@ -76,7 +105,7 @@ impl PhysicalRoom {
                 moving.add(shape, postures);
             }
         }
-        self.scene(removed).paths_seen(visibility, sensor, &moving)
+        moving
     }
 }
 
@@ -85,9 +114,14 @@ pub(super) fn frames_per_visibility(frame_period_s: f64) -> u64 {
     (VISIBILITY_S / frame_period_s).floor().max(1.0) as u64
 }
 
+/// The objects that are in the truth, with their indices in the world.
+fn free_objects(world: &World) -> impl Iterator<Item = (usize, &WorldObject)> {
+    world.objects.iter().enumerate().filter(|(_, object)| object.kind != ObjectKind::Fixture)
+}
+
 /// The room of a world, for the truth. What hangs on a wall belongs to the wall.
 pub(super) fn truth_room(world: &World) -> Room {
-    let free = world.objects.iter().filter(|object| object.kind != ObjectKind::Fixture);
+    let free = free_objects(world).map(|(_, object)| object);
     let wall = |wall: &super::super::world::WorldWall| WallPanel {
         name: wall.name.clone(),
         plane: wall.plane,

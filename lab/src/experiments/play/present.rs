@@ -16,15 +16,16 @@ pub fn by_kind(figures: &Figures) -> Table {
     Table { head: head.map(str::to_owned).to_vec(), rows, caption: CAPTION.into() }
 }
 
-const CAPTION: &str = "due: approaches within 1 m of an object that had been in the beam for 0.75 s. visible: those \
-    whose echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for any reconstruction. \
-    first: each object's first approach. lead: distance at which the warning came on, m, 0 when missed. error: from \
-    reported positions to the nearest scatterer, m. nearer, wider, higher: bounds of the reported cells of objects \
-    warned of, minus those of the objects' scatterers; medians, m.";
+const CAPTION: &str = "due: approaches within 1 m of an object that had been in the beam and not hidden for 0.75 s. \
+    visible: those whose own direct echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for \
+    any reconstruction. first: each object's first approach. lead: distance at which the warning came on, m, 0 when \
+    missed. error: from reported positions to the nearest scatterer, m. nearer, wider, higher: bounds of the reported \
+    cells of objects warned of, minus those of the objects' scatterers; medians, m.";
 
 const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the approaches within 1 m of an object \
-    that had been in the beam for 0.75 s, without walls. first: of each object's first approach. visible: those whose \
-    echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for any reconstruction. lead: \
+    that had been in the beam and not hidden for 0.75 s, without walls. first: of each object's first approach. \
+    visible: those whose echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for any \
+    reconstruction. lead: \
     distance at which the warning came on, 0 when missed. false near: false reports, counted each time that one comes \
     within 1 m of the body; false: each false report once, anywhere. error: from reported positions to the nearest \
     scatterer, median. removed: a chair that was carried away, time in the beam until it is no longer reported, \

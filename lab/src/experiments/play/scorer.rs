@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::DVec3;
 
 use super::figures::{Approach, BoundErrors, Cause, Detected, FalseReport, Figures, Rates, RemovalOutcome};
-use a121::{frame_timing, snr_db};
+use a121::frame_timing;
 use radar_mapping::{Model, Obstacle, Scene, ScoredCandidate, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 use radar_sar::math;
@@ -93,11 +93,17 @@ struct PastDetection {
     log_odds: f64,
 }
 
+/// Interval at which it is looked up what the sensor can see, seconds. Choice: an eighth of the time after which an
+/// object is due.
+const SIGHT_STEP_S: f64 = 0.09;
+
 /// An object or wall that can be run into.
 struct Target<'s> {
     geometry: TargetGeometry<'s>,
     kind: String,
     until_s: f64,
+    /// What the sensor saw of it, and when that was looked up, seconds.
+    sight: (Sight, f64),
     in_beam_s: f64,
     visible_s: f64,
     distance_m: f64,
@@ -111,8 +117,18 @@ struct Target<'s> {
 }
 
 enum TargetGeometry<'s> {
-    Object(&'s [Scatterer]),
+    /// An object of the session, by its index, with its parts.
+    Object(usize, &'s [Scatterer]),
     Wall(&'s SessionWall),
+}
+
+/// What the sensor sees of a target.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sight {
+    /// A part is in the beam, and nothing is in between.
+    in_beam: bool,
+    /// Its echo is strong enough.
+    visible: bool,
 }
 
 /// An approach in progress.
@@ -145,14 +161,14 @@ struct RemovalTracker {
 impl<'s> Scorer<'s> {
     pub fn new(session: &'s Session) -> Self {
         let objects = session.things();
-        let target = |t: &radar_simulation::SessionObject<'s>| {
-            Target::new(TargetGeometry::Object(&t.thing.scatterers), &t.thing.name, t.until_s)
+        let target = |(index, t): (usize, &radar_simulation::SessionObject<'s>)| {
+            Target::new(TargetGeometry::Object(index, &t.thing.scatterers), &t.thing.name, t.until_s)
         };
         let upright = session.walls().iter().filter(|wall| wall.plane.is_upright());
         let walls = upright.map(|wall| Target::new(TargetGeometry::Wall(wall), "wall", f64::INFINITY));
         Self {
             session,
-            targets: objects.iter().map(target).chain(walls).collect(),
+            targets: objects.iter().enumerate().map(target).chain(walls).collect(),
             reports: BTreeMap::new(),
             hands: VecDeque::new(),
             visitor: VecDeque::new(),
@@ -182,7 +198,7 @@ impl<'s> Scorer<'s> {
         let (head, sensor) = (self.session.head_at(time_s), self.session.sensor_at(time_s));
         self.record_moving_parts(time_s);
         for target in &mut self.targets {
-            if let Some(approach) = target.step(self.session, time_s, step_s, (&head, &sensor), scene, shown) {
+            if let Some(approach) = target.step(self.session, time_s, step_s, &head, scene, shown) {
                 self.figures.approaches.push(target.with_detected(approach, &self.detections));
             }
             self.figures.flickers += u64::from(std::mem::take(&mut target.flickered));
@@ -291,7 +307,7 @@ impl<'s> Scorer<'s> {
 
     fn track_removal(&mut self, time_s: f64, step_s: f64, sensor: &Pose, scene: &Scene) {
         let Some(gone) = self.targets.iter().find(|target| target.until_s.is_finite()) else { return };
-        let TargetGeometry::Object(parts) = gone.geometry else { return };
+        let TargetGeometry::Object(_, parts) = gone.geometry else { return };
         if time_s < gone.until_s || self.removal.removed {
             return;
         }
@@ -326,6 +342,7 @@ impl<'s> Target<'s> {
             geometry,
             kind: name.into(),
             until_s,
+            sight: (Sight::default(), f64::NEG_INFINITY),
             in_beam_s: 0.0,
             visible_s: 0.0,
             distance_m: f64::INFINITY,
@@ -341,7 +358,7 @@ impl<'s> Target<'s> {
     /// Distance from a point to the nearest scatterer, metres; infinite for walls.
     fn distance_to_m(&self, point: DVec3) -> f64 {
         match self.geometry {
-            TargetGeometry::Object(parts) => {
+            TargetGeometry::Object(_, parts) => {
                 parts.iter().map(|s| s.position_m.distance(point)).fold(f64::INFINITY, f64::min)
             }
             TargetGeometry::Wall(_) => f64::INFINITY,
@@ -364,7 +381,7 @@ impl<'s> Target<'s> {
 
     fn body_distance_m(&self, head: &Pose) -> f64 {
         match self.geometry {
-            TargetGeometry::Object(parts) => {
+            TargetGeometry::Object(_, parts) => {
                 parts.iter().map(|s| body_distance_m(head, s.position_m)).fold(f64::INFINITY, f64::min)
             }
             TargetGeometry::Wall(wall) => wall.plane.distance(head.translation),
@@ -373,27 +390,24 @@ impl<'s> Target<'s> {
 
     fn is_shown(&self, shown: &ShownWarnings) -> bool {
         match self.geometry {
-            TargetGeometry::Object(_) => {
+            TargetGeometry::Object(..) => {
                 shown.points_m.iter().any(|point| self.distance_to_m(*point) <= FALSE_REPORT_M)
             }
             TargetGeometry::Wall(wall) => shown.planes.iter().any(|plane| is_same_plane(plane, &wall.plane)),
         }
     }
 
-    /// Whether it is in the beam, and whether its echo is strong enough.
-    fn is_seen(&self, session: &Session, sensor: &Pose) -> (bool, bool) {
+    fn sight(&self, session: &Session, time_s: f64) -> Sight {
         match self.geometry {
-            TargetGeometry::Object(parts) => {
-                let seen = || parts.iter().filter(|part| session.is_in_beam(sensor, part.position_m));
-                (
-                    seen().next().is_some(),
-                    seen().any(|part| subaperture_snr_db(session, sensor, part) >= MIN_VISIBLE_SNR_DB),
-                )
+            TargetGeometry::Object(object, _) => {
+                let in_beam = session.is_in_sight(object, time_s);
+                Sight { in_beam, visible: in_beam && subaperture_snr_db(session, object, time_s) >= MIN_VISIBLE_SNR_DB }
             }
             TargetGeometry::Wall(wall) => {
+                let sensor = session.sensor_at(time_s);
                 let foot = wall.plane.foot(sensor.translation);
-                let seen = wall.distance_m(foot) < 1e-6 && session.is_in_beam(sensor, foot);
-                (seen, seen)
+                let seen = wall.distance_m(foot) < 1e-6 && session.is_in_beam(&sensor, foot);
+                Sight { in_beam: seen, visible: seen }
             }
         }
     }
@@ -403,7 +417,7 @@ impl<'s> Target<'s> {
         session: &Session,
         time_s: f64,
         step_s: f64,
-        (head, sensor): (&Pose, &Pose),
+        head: &Pose,
         scene: &Scene,
         shown: &ShownWarnings,
     ) -> Option<Approach> {
@@ -411,9 +425,11 @@ impl<'s> Target<'s> {
             self.approach = None;
             return None;
         }
-        let (in_beam, visible) = self.is_seen(session, sensor);
-        self.in_beam_s += if in_beam { step_s } else { 0.0 };
-        self.visible_s += if visible { step_s } else { 0.0 };
+        if time_s - self.sight.1 >= SIGHT_STEP_S {
+            self.sight = (self.sight(session, time_s), time_s);
+        }
+        self.in_beam_s += if self.sight.0.in_beam { step_s } else { 0.0 };
+        self.visible_s += if self.sight.0.visible { step_s } else { 0.0 };
         let distance_m = self.body_distance_m(head);
         // The closing speed of the first step is 0.
         let before_m = if self.distance_m.is_finite() { self.distance_m } else { distance_m };
@@ -474,7 +490,7 @@ impl<'s> Target<'s> {
     /// Errors of the reported shape's bounds, taken at the outer sides of its cells, against the
     /// object's scatterers.
     fn bound_errors(&self, head: &Pose, scene: &Scene) -> Option<BoundErrors> {
-        let TargetGeometry::Object(parts) = self.geometry else { return None };
+        let TargetGeometry::Object(_, parts) = self.geometry else { return None };
         let of_it =
             || scene.obstacles.iter().filter(|obstacle| self.distance_to_m(obstacle.position_m) <= FALSE_REPORT_M);
         let cell_m = of_it().map(Obstacle::cell_m).fold(0.0, f64::max);
@@ -507,19 +523,11 @@ fn is_same_plane(plane: &Plane, wall: &Plane) -> bool {
         && (plane.offset_m - wall.offset_m).abs() <= WALL_OFFSET_M
 }
 
-/// Power SNR of a scatterer after the sweeps of one sub-aperture are summed, dB.
-fn subaperture_snr_db(session: &Session, sensor: &Pose, part: &Scatterer) -> f64 {
-    let play = session.play();
-    let to = part.position_m - sensor.translation;
-    let direction = to.normalize_or_zero();
-    let amplitude = play.beam.amplitude(direction.dot(sensor.forward()));
-    let Some(subsweep) = play.config.subsweeps.first() else { return f64::NEG_INFINITY };
-    let timing = frame_timing(&play.config);
-    let sweeps = SUBAPERTURE_S * f64::from(play.config.sweeps_per_frame) / timing.frame_period_s;
-    snr_db(subsweep.profile, subsweep.hwaas, part.rcs_towards_dbsm(-direction), to.length())
-        + play.beam.gain_db()
-        + 20.0 * math::log10(amplitude.max(1e-9))
-        + 10.0 * math::log10(sweeps)
+/// Power SNR of an object after the sweeps of one sub-aperture are summed, dB.
+fn subaperture_snr_db(session: &Session, object: usize, time_s: f64) -> f64 {
+    let config = &session.play().config;
+    let sweeps = SUBAPERTURE_S * f64::from(config.sweeps_per_frame) / frame_timing(config).frame_period_s;
+    session.echo_snr_db(object, time_s) + 10.0 * math::log10(sweeps)
 }
 
 #[cfg(test)]
