@@ -7,11 +7,12 @@
 //! likelihood ratio is therefore m·m̂/(1 + m̂) − ln(1 + m̂). Clutter at the same range lowers m̂ as
 //! it lowers m, so a masked object is not taken for a removed one.
 //!
-//! Furniture reflects well into some directions and badly into others. The expectation is therefore
-//! kept for each azimuth sector, and the ratio is that of a mixture with a probability of
-//! detection. Not being seen from a new side then costs little. The probability of detection is
-//! learned for each sector: an object that is always seen from there is missed at once, one that is
-//! seen now and then is given time.
+//! Furniture reflects well into some directions and badly into others: an edge or a tube only across
+//! itself. The expectation is therefore kept for each side, a sector of azimuth and elevation, and the
+//! ratio is that of a mixture with a probability of detection. That is learned for each side: an
+//! object that is always seen from there is missed at once, one that is seen now and then is given
+//! time. From a new side it may be seen always or never, so not being seen from there costs little,
+//! however often: the misses of one side are no independent evidence.
 //!
 //! Furniture is removed as a whole. When an object is removed, its neighbours that were not seen
 //! since then are weakened too. Otherwise the leg of a chair that has been taken away would stay,
@@ -39,11 +40,11 @@ pub struct ExistenceSettings {
     pub initial_share: f64,
     /// Greatest log odds: bounds the evidence needed to remove an object that was seen for long.
     pub max_log_odds: f64,
-    /// Probability of detection from a sector that it was seen from, 0 to 1, before it is learned.
+    /// Probability of detection from a side that it was seen from, 0 to 1, before it is learned.
     pub detection_seen_side: f64,
-    /// Weight of `detection_seen_side` as a prior, in sub-apertures that should see the object from a sector.
+    /// Weight of `detection_seen_side` as a prior, in sub-apertures that should see the object from a side.
     pub detection_prior_subapertures: f64,
-    /// Probability of detection from a sector that it was never seen from, 0 to 1.
+    /// Probability of detection from a side that it was never seen from, 0 to 1, before it is learned.
     pub detection_new_side: f64,
     /// Log odds lost in every sub-aperture that would see it if there were no clutter.
     pub loss: f64,
@@ -88,12 +89,18 @@ impl Default for ExistenceSettings {
 /// wider ones mix faces of furniture that reflect differently, narrower ones are rarely seen twice.
 /// Part of the saved map's format.
 pub(super) const AZIMUTH_SECTORS: usize = 16;
+/// Number of elevation bands, as wide as a sector, about the horizontal; the outer ones reach to the
+/// vertical. Choice: who crouches or comes near looks from another side.
+const ELEVATION_BANDS: usize = 5;
+/// Weight of `detection_new_side` as a prior, in sub-apertures. Choice: 2, with which the probability is
+/// most likely near 0 or 1: a face reflects to a side or it does not.
+const NEW_SIDE_PRIOR_SUBAPERTURES: f64 = 2.0;
 /// Log odds of a restored object. Choice: two or three missed sub-apertures remove it.
 const RESTORED_LOG_ODDS: f64 = 1.5;
 /// Least log odds that a new object begins with. Choice: above 0, where objects are removed, by
 /// more than a miss from a new sector costs, ln(1 − `detection_new_side`) = −0.22.
 const MIN_INITIAL_LOG_ODDS: f64 = 0.5;
-/// Weight of a new echo in the running mean of a sector's strength. Choice: a mean of about nine
+/// Weight of a new echo in the running mean of a side's strength. Choice: a mean of about nine
 /// echoes, which reduces the fluctuation of Swerling case 1 from 100 % to 33 %; a longer one would
 /// not follow a change of aspect.
 const STRENGTH_SMOOTHING: f64 = 0.2;
@@ -104,9 +111,11 @@ const MIN_DETECTABLE_POWER: f64 = 3.0;
 /// so that a single one removes no object at the greatest log odds of 4; at 0.05 a miss still costs
 /// something.
 const P_DETECT_BOUNDS: (f64, f64) = (0.05, 0.9);
-/// Share of the strongest sector's power that is expected from a sector never seen from. Choice: −5
+/// Share of the strongest side's power that is expected from a side never seen from. Choice: −5
 /// dB, as furniture has a best side; with the full power every new side would count as a miss.
-const UNSEEN_SECTOR_POWER_SHARE: f64 = 0.3;
+const UNSEEN_SIDE_POWER_SHARE: f64 = 0.3;
+/// The same of a side beside those it was seen from, of the strongest of these. Choice: −3 dB.
+const NEIGHBOUR_POWER_SHARE: f64 = 0.5;
 /// Most that one sub-aperture adds to the log odds. Choice: one sub-aperture can be a passing hand
 /// or a sidelobe; an object needs four to reach the greatest log odds.
 const MAX_LOG_ODDS_PER_SUBAPERTURE: f64 = 1.0;
@@ -118,16 +127,31 @@ const MIN_LOG_ODDS: f64 = -2.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Existence {
     log_odds: f64,
-    /// Power at 1 m on the axis, relative to noise, by sector; 0: never seen.
-    strengths: [f64; AZIMUTH_SECTORS],
-    /// By sector: sub-apertures that should have seen it, and those that did.
-    opportunities: [f64; AZIMUTH_SECTORS],
-    hits: [f64; AZIMUTH_SECTORS],
+    /// By azimuth and elevation.
+    sides: [[Side; ELEVATION_BANDS]; AZIMUTH_SECTORS],
     newest_ns: i64,
     /// Time of the last sub-aperture that raised the log odds.
     last_support_ns: i64,
     /// Whether the log odds ever reached their greatest value.
     reached_max_log_odds: bool,
+}
+
+/// What is known of an object from one side.
+#[derive(Debug, Clone, Copy, Default)]
+struct Side {
+    /// Power at 1 m on the axis, relative to noise; 0: never seen.
+    strength: f64,
+    /// Sub-apertures that should have seen it, and those that did.
+    opportunities: f64,
+    hits: f64,
+}
+
+impl Side {
+    /// Probability of detection, with a prior of this weight in sub-apertures.
+    fn p_detect(&self, prior: f64, weight: f64) -> f64 {
+        let learned = (self.hits + prior * weight) / (self.opportunities + weight).max(1e-9);
+        learned.clamp(P_DETECT_BOUNDS.0, P_DETECT_BOUNDS.1)
+    }
 }
 
 /// One sub-aperture's response to an object.
@@ -141,12 +165,9 @@ pub(super) struct Likelihood {
 impl Existence {
     /// Nothing observed yet.
     pub fn new() -> Self {
-        let [strengths, opportunities, hits] = [[0.0; AZIMUTH_SECTORS]; 3];
         Self {
             log_odds: 0.0,
-            strengths,
-            opportunities,
-            hits,
+            sides: Default::default(),
             newest_ns: i64::MIN,
             last_support_ns: i64::MIN,
             reached_max_log_odds: false,
@@ -159,19 +180,20 @@ impl Existence {
         Self { reached_max_log_odds: true, ..Self::new() }
     }
 
-    /// A restored object, with the power that it reflected by sector.
+    /// A restored object, with the power that it reflected by azimuth sector.
     pub fn restored(strengths: [f64; AZIMUTH_SECTORS]) -> Self {
-        Self { log_odds: RESTORED_LOG_ODDS, strengths, ..Self::new() }
+        let sides = strengths.map(|strength| [Side { strength, ..Side::default() }; ELEVATION_BANDS]);
+        Self { log_odds: RESTORED_LOG_ODDS, sides, ..Self::new() }
     }
 
-    /// Power that it reflected, by sector.
+    /// The greatest power that it reflected in each azimuth sector.
     pub fn strengths(&self) -> [f64; AZIMUTH_SECTORS] {
-        self.strengths
+        self.sides.map(|bands| bands.iter().map(|side| side.strength).fold(0.0, f64::max))
     }
 
-    /// The greatest power over the sectors; 0: never seen.
+    /// The greatest power over all sides; 0: never seen.
     pub fn greatest_strength(&self) -> f64 {
-        self.strengths.iter().copied().fold(0.0, f64::max)
+        self.strengths().into_iter().fold(0.0, f64::max)
     }
 
     /// Log odds that it exists: 0 is even odds.
@@ -218,8 +240,8 @@ impl Existence {
     /// Returns the change in the log odds.
     fn apply(&mut self, likelihood: &Likelihood, settings: &ExistenceSettings) -> f64 {
         let response = &likelihood.response;
-        let side = sector_of(-response.toward);
-        let (strength, p_detect) = self.expected_return(side, settings);
+        let at = (sector_of(-response.toward), elevation_band_of(-response.toward));
+        let (strength, p_detect) = self.expected_return(at, settings);
         let would_be_seen = strength * response.gain >= MIN_DETECTABLE_POWER;
         let change = match likelihood.is_masked {
             true if would_be_seen => -settings.masked_loss,
@@ -227,7 +249,7 @@ impl Existence {
             false => {
                 let ratio = response.likelihood_ratio(strength);
                 let loss = if would_be_seen { settings.loss } else { 0.0 };
-                self.learn(side, response, response.expected_m(strength));
+                self.learn(at, response, response.expected_m(strength));
                 math::ln(p_detect * ratio + 1.0 - p_detect).min(MAX_LOG_ODDS_PER_SUBAPERTURE) - loss
             }
         };
@@ -236,34 +258,39 @@ impl Existence {
         change
     }
 
-    /// Learns the sector's strength and its probability of detection.
-    fn learn(&mut self, side: usize, response: &Response, expected: f64) {
+    /// Learns the side's strength and its probability of detection.
+    fn learn(&mut self, (azimuth, band): (usize, usize), response: &Response, expected: f64) {
+        let side = &mut self.sides[azimuth][band];
         if expected >= MIN_DETECTABLE_POWER || response.is_significant() {
-            self.opportunities[side] += 1.0;
-            self.hits[side] += f64::from(u8::from(response.is_significant()));
+            side.opportunities += 1.0;
+            side.hits += f64::from(u8::from(response.is_significant()));
         }
         if response.is_significant() && response.gain > 0.0 {
-            let newest = response.power / response.gain;
-            let known = &mut self.strengths[side];
+            let (newest, known) = (response.power / response.gain, &mut side.strength);
             *known = if *known > 0.0 { *known + STRENGTH_SMOOTHING * (newest - *known) } else { newest };
         }
     }
 
-    /// Expected strength from a sector, and the probability of detection.
-    fn expected_return(&self, side: usize, settings: &ExistenceSettings) -> (f64, f64) {
-        let beside = [side, (side + 1) % AZIMUTH_SECTORS, (side + AZIMUTH_SECTORS - 1) % AZIMUTH_SECTORS]
-            .map(|n| self.strengths[n]);
-        if beside[0] > 0.0 {
-            let before = settings.detection_prior_subapertures;
-            let p_detect = (self.hits[side] + settings.detection_seen_side * before)
-                / (self.opportunities[side] + before).max(1e-9);
-            return (beside[0], p_detect.clamp(P_DETECT_BOUNDS.0, P_DETECT_BOUNDS.1));
+    /// Expected strength from a side, and the probability of detection.
+    fn expected_return(&self, (azimuth, band): (usize, usize), settings: &ExistenceSettings) -> (f64, f64) {
+        let side = &self.sides[azimuth][band];
+        let (seen, new) = (settings.detection_seen_side, settings.detection_new_side);
+        if side.strength > 0.0 {
+            return (side.strength, side.p_detect(seen, settings.detection_prior_subapertures));
         }
-        let near = beside[1].max(beside[2]);
-        if near > 0.0 {
-            return (near * 0.5, 0.5 * (settings.detection_seen_side + settings.detection_new_side));
+        let beside = self.strength_beside(azimuth, band);
+        if beside > 0.0 {
+            return (NEIGHBOUR_POWER_SHARE * beside, side.p_detect(0.5 * (seen + new), NEW_SIDE_PRIOR_SUBAPERTURES));
         }
-        (self.greatest_strength() * UNSEEN_SECTOR_POWER_SHARE, settings.detection_new_side)
+        (self.greatest_strength() * UNSEEN_SIDE_POWER_SHARE, side.p_detect(new, NEW_SIDE_PRIOR_SUBAPERTURES))
+    }
+
+    /// The greatest strength of the four sides around one; 0: it was seen from none of them.
+    fn strength_beside(&self, azimuth: usize, band: usize) -> f64 {
+        let around = [1, AZIMUTH_SECTORS - 1].map(|by| (azimuth + by) % AZIMUTH_SECTORS);
+        let level = around.into_iter().map(|azimuth| self.sides[azimuth][band].strength);
+        let bands = self.sides[azimuth][band.saturating_sub(1)..].iter().take(if band == 0 { 2 } else { 3 });
+        level.chain(bands.map(|side| side.strength)).fold(0.0, f64::max)
     }
 }
 
@@ -279,9 +306,17 @@ pub(super) fn sector_of(from_thing: DVec3) -> usize {
     ((turn * AZIMUTH_SECTORS as f64) as usize).min(AZIMUTH_SECTORS - 1)
 }
 
+/// The elevation band that a direction from the object lies in, from below to above.
+fn elevation_band_of(from_thing: DVec3) -> usize {
+    let elevation = math::atan2(from_thing.y, math::hypot(from_thing.x, from_thing.z));
+    let from_level = (elevation * AZIMUTH_SECTORS as f64 / TAU).round();
+    (from_level + (ELEVATION_BANDS / 2) as f64).clamp(0.0, (ELEVATION_BANDS - 1) as f64) as usize
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DQuat;
 
     fn response(m: f64, power: f64, toward: DVec3) -> Response {
         let ln_strength = (m >= 3.0).then(|| power.ln());
@@ -315,11 +350,31 @@ mod tests {
     }
 
     #[test]
-    fn misses_from_unseen_sector_cost_little() {
+    fn misses_from_unseen_side_cost_little() {
         let (seen, empty) = (response(30.0, 30.0, DVec3::X), response(0.5, 0.5, DVec3::NEG_X));
         let elsewhere: Vec<Response> = [vec![seen; 10], vec![empty; 10]].concat();
         let there: Vec<Response> = [vec![seen; 10], vec![response(0.5, 0.5, DVec3::X); 10]].concat();
         assert!(outlasts(after(&elsewhere), 2.5) && after(&there) <= 0.0, "{} {}", after(&elsewhere), after(&there));
+    }
+
+    #[test]
+    fn misses_of_one_new_side_are_no_independent_evidence() {
+        let (seen, empty) = (response(30.0, 30.0, DVec3::X), |toward: DVec3| response(0.5, 0.5, toward));
+        let below = DVec3::new(0.7, 0.7, 0.0);
+        for toward in [DVec3::NEG_X, below] {
+            let long: Vec<Response> = [vec![seen; 10], vec![empty(toward); 40]].concat();
+            assert!(outlasts(after(&long), 3.0), "{toward}: {}", after(&long));
+        }
+        let around = (0..12).map(|n| DQuat::from_rotation_y(f64::from(n) * 0.5) * below);
+        let everywhere: Vec<Response> =
+            vec![seen; 10].into_iter().chain(around.flat_map(|at| [empty(at); 8])).collect();
+        assert!(after(&everywhere) <= 0.0, "{}", after(&everywhere));
+    }
+
+    #[test]
+    fn elevation_bands_reach_from_below_to_above() {
+        let band = |deg: f64| elevation_band_of(DQuat::from_rotation_z(deg.to_radians()) * DVec3::X);
+        assert_eq!([-90.0, -40.0, -20.0, 0.0, 11.0, 12.0, 40.0, 90.0].map(band), [0, 0, 1, 2, 2, 3, 4, 4]);
     }
 
     #[test]
