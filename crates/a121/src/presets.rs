@@ -11,7 +11,7 @@
 //! - `close`: 0.15–0.61 m, for objects that nearly touch the head. Profile 1: its 4 cm pulse is
 //!   over before echoes from 0.15 m come back, and it resolves what longer pulses blur; points
 //!   every 20 mm. 1200 sweeps per second follow the phase up to 1.48 m/s. All of it is within reach
-//!   of the hands: nothing is confirmed unless `rooms.tracks.hands_reach_m` is 0, and tracked hands
+//!   of the hands: little is confirmed unless `rooms.tracks.hands_reach_m` is 0, and tracked hands
 //!   explain nearly all echoes while they are in the beam.
 //! - `far`: 0.4–6.5 m, for halls. Profile 5 has the highest loop gain (21.6 dB), and its 32 cm
 //!   envelope needs a sample only every 120 mm; a PRF of 13 MHz measures to 7 m. 440 sweeps per

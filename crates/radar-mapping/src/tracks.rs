@@ -24,8 +24,8 @@ pub struct TrackSettings {
     /// Least log odds of a hit, from the classifier, which was learned from simulated play.
     pub confirm_log_odds: f64,
     /// A detection that was never seen from beyond this distance may be the wearer's own hand,
-    /// elbow or knee, and is not confirmed, metres. This holds for tracked hands too: in play it
-    /// costs nothing, and the false reports near the body drop by a quarter.
+    /// elbow or knee, metres. It is not confirmed unless it was seen at rest for long, by its robust
+    /// score: what hangs before the face must be. This holds for tracked hands too.
     pub hands_reach_m: f64,
     /// A detection within this distance of a known point belongs to it, metres.
     pub match_m: f64,
@@ -71,9 +71,22 @@ impl TrackSettings {
         detection.observable
             && detection.score >= self.confirm_score
             && detection.log_odds >= self.confirm_log_odds
-            && detection.farthest_m >= self.hands_reach_m
+            && !self.may_be_hand(detection)
+    }
+
+    /// Whether a detection may be the wearer's own hand, elbow or knee.
+    pub fn may_be_hand<T>(&self, detection: &Detection<T>) -> bool {
+        let observed_ns = detection.last_ns.saturating_sub(detection.first_ns);
+        let was_at_rest = detection.robust_score >= AT_REST_ROBUST_SCORE && observed_ns >= AT_REST_NS;
+        detection.farthest_m < self.hands_reach_m && !was_at_rest
     }
 }
+
+/// A detection that was observed for this long, nanoseconds, and has this score without its best 0.3 s has been at rest.
+/// Choice: more than twice `confirm_score`, and as long as the sensor's own signal takes to learn, which is strongest near
+/// the sensor; a lamp at head height, seen from 0.75 m, has a robust score of 10 (`lab play --world dining`).
+const AT_REST_ROBUST_SCORE: f64 = 7.0;
+const AT_REST_NS: i64 = 2_000_000_000;
 
 /// Number of updates in which hits are counted, and so the most hits that can be demanded. Choice:
 /// one second; the longer the later an object is confirmed.
@@ -284,6 +297,19 @@ mod tests {
         let with = |odds: f64| settings.is_hit(&Detection { log_odds: odds, ..detection(0.0, 60.0, true) });
         assert!(with(settings.confirm_log_odds) && !with(settings.confirm_log_odds - 0.1) && !with(f64::NAN));
         assert!(settings.for_planes().is_hit(&detection(0.0, 60.0, true)), "the classifier does not apply to planes");
+    }
+
+    #[test]
+    fn what_was_seen_near_only_is_a_hit_once_it_has_been_at_rest() {
+        let settings = TrackSettings::default();
+        let near = |robust_score: f64, last_ns: i64| {
+            let detection = Detection { farthest_m: 0.75, robust_score, ..detection(0.0, 60.0, true) };
+            Detection { first_ns: 0, last_ns, ..detection }
+        };
+        assert!(settings.is_hit(&near(AT_REST_ROBUST_SCORE, AT_REST_NS)), "a lamp");
+        assert!(!settings.is_hit(&near(AT_REST_ROBUST_SCORE - 0.1, AT_REST_NS)), "a hand");
+        assert!(!settings.is_hit(&near(AT_REST_ROBUST_SCORE, AT_REST_NS - 1)), "a hand for a moment");
+        assert!(settings.is_hit(&Detection { farthest_m: 1.0, ..near(0.0, 0) }));
     }
 
     #[test]

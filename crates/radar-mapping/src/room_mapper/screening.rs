@@ -147,7 +147,7 @@ impl Screening<'_> {
 
     /// Whether a detection may be a new object, within the limits of the settings.
     fn may_be_new(&self, detection: &Detection<DVec3>) -> bool {
-        self.is_new(detection) && detection.farthest_m >= self.config.settings.tracks.hands_reach_m
+        self.is_new(detection) && !self.config.settings.tracks.may_be_hand(detection)
     }
 
     /// Whether it is observable and not a known object.
