@@ -1,5 +1,5 @@
 use super::*;
-use a121::preset;
+use a121::{noise_rms_lsb, preset};
 
 fn session(seed: u64, duration_s: f64) -> Session {
     PlaySession { duration_s, ..PlaySession::new(preset("d16").unwrap(), seed) }.prepare().unwrap()
