@@ -38,12 +38,11 @@ fn main() -> Result<()> {
     match (what.as_str(), of) {
         ("play", [world, seeds]) => {
             let (first, end) = seeds.split_once("..").context(USAGE)?;
-            print!("{}", played(PlayWorld::from_name(world)?, first.parse()?..end.parse()?)?.to_csv());
+            print!("{}", played(PlayWorld::from_name(world)?, first.parse()?..end.parse()?, &command)?.to_csv());
         }
         ("train", of) => {
             let (files, without) = files_and_features(of)?;
-            let worlds = format!("simulated play sessions, their examples in {}", files.join(", "));
-            print!("{}", read(&files)?.without(&without).train(command, worlds).to_json());
+            print!("{}", read(&files)?.without(&without).train(command).to_json());
         }
         ("score", files) => {
             let score = read(files)?.score(Model::embedded(), command);
@@ -54,7 +53,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-fn played(world: PlayWorld, seeds: Range<u64>) -> Result<TrainingSet> {
+fn played(world: PlayWorld, seeds: Range<u64>, command: &str) -> Result<TrainingSet> {
     let mut examples = TrainingSet::default();
     for (n, (name, minutes, is_measured, headset)) in SESSIONS.into_iter().enumerate() {
         let config = preset(name).with_context(|| format!("there is no preset {name}"))?;
@@ -70,7 +69,7 @@ fn played(world: PlayWorld, seeds: Range<u64>) -> Result<TrainingSet> {
         };
         let trial = PlayTrial { session, settings: Settings::default(), controllers: false };
         let seeds: Vec<u64> = seeds.clone().skip(n).step_by(SESSIONS.len()).collect();
-        examples = examples.merged(TrainingSet::of(&trial, &seeds)?);
+        examples = examples.merged(TrainingSet::of(&trial, &seeds, command)?);
     }
     Ok(examples)
 }

@@ -11,8 +11,9 @@
 //! itself. The expectation is therefore kept for each side, a sector of azimuth and elevation, and the
 //! ratio is that of a mixture with a probability of detection. That is learned for each side: an
 //! object that is always seen from there is missed at once, one that is seen now and then is given
-//! time. From a new side it may be seen always or never, so not being seen from there costs little,
-//! however often: the misses of one side are no independent evidence.
+//! time. From a new side it may be seen always or never, so the misses of one side are no independent
+//! evidence: each costs less than the one before, down to a floor at which an object goes in some
+//! seconds.
 //!
 //! Furniture is removed as a whole. When an object is removed, its neighbours that were not seen
 //! since then are weakened too. Otherwise the leg of a chair that has been taken away would stay,
@@ -92,13 +93,13 @@ pub(super) const AZIMUTH_SECTORS: usize = 16;
 /// Number of elevation bands, as wide as a sector, about the horizontal; the outer ones reach to the
 /// vertical. Choice: who crouches or comes near looks from another side.
 const ELEVATION_BANDS: usize = 5;
-/// Weight of `detection_new_side` as a prior, in sub-apertures. Choice: 2, with which the probability is
-/// most likely near 0 or 1: a face reflects to a side or it does not.
+/// Weight of `detection_new_side` as a prior, in sub-apertures. Choice: 2, so that a few misses settle that a
+/// face does not reflect to this side.
 const NEW_SIDE_PRIOR_SUBAPERTURES: f64 = 2.0;
 /// Log odds of a restored object. Choice: two or three missed sub-apertures remove it.
 const RESTORED_LOG_ODDS: f64 = 1.5;
 /// Least log odds that a new object begins with. Choice: above 0, where objects are removed, by
-/// more than a miss from a new sector costs, ln(1 − `detection_new_side`) = −0.22.
+/// more than a miss from a new side costs, ln(1 − `detection_new_side`) = −0.22.
 const MIN_INITIAL_LOG_ODDS: f64 = 0.5;
 /// Weight of a new echo in the running mean of a side's strength. Choice: a mean of about nine
 /// echoes, which reduces the fluctuation of Swerling case 1 from 100 % to 33 %; a longer one would

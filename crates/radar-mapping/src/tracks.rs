@@ -24,8 +24,8 @@ pub struct TrackSettings {
     /// Least log odds of a hit, from the classifier, which was learned from simulated play.
     pub confirm_log_odds: f64,
     /// A detection that was never seen from beyond this distance may be the wearer's own hand,
-    /// elbow or knee, metres. It is not confirmed unless it was seen at rest for long, by its robust
-    /// score: what hangs before the face must be. This holds for tracked hands too.
+    /// elbow or knee, metres. It is not confirmed before it has been at rest for two seconds, as
+    /// what hangs before the face is. This holds for tracked hands too.
     pub hands_reach_m: f64,
     /// A detection within this distance of a known point belongs to it, metres.
     pub match_m: f64,

@@ -10,6 +10,7 @@
 
 mod frames;
 mod hands;
+mod illumination;
 mod outline;
 mod physical;
 mod play_world;
@@ -17,7 +18,6 @@ mod player;
 mod rooms;
 #[cfg(test)]
 mod session_tests;
-mod sight;
 mod visitor;
 
 use std::f64::consts::TAU;

@@ -140,3 +140,30 @@ fn truth_object(object: &WorldObject) -> SceneObject {
     let name = if object.kind == ObjectKind::SoftChair { "soft chair" } else { object.name.as_str() };
     SceneObject { name: name.into(), scatterers: points.map(scatterer).collect() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::Family;
+    use glam::DQuat;
+
+    #[test]
+    fn paths_of_an_object_alone_are_among_those_of_the_whole_room() {
+        let world = World::new(Family::Dining, 3);
+        let room = PhysicalRoom::new(&world, 3);
+        let limits = PathLimits { min_amplitude: 1e-4, max_range_m: 3.0 };
+        let mut found = 0;
+        for turn in 0..6 {
+            let sensor = Pose::new(DVec3::Y * 1.5, DQuat::from_rotation_y(f64::from(turn)));
+            let seen = room.visibility(false, &sensor, &Beam::Lensless, limits);
+            let whole = room.scene(false).direct_paths_seen(&seen, &[sensor; 3], &MovingBodies::default());
+            for object in 0..room.alone.len() {
+                let alone = room.direct_paths(object, false, &sensor, &Beam::Lensless, limits, &Movers::default());
+                assert!(alone.len() < whole.len());
+                assert!(alone.iter().all(|path| whole.contains(path)), "object {object}, turn {turn}");
+                found += alone.len();
+            }
+        }
+        assert!(found > 100, "{found}");
+    }
+}

@@ -118,3 +118,33 @@ fn reported_coordinates_are_the_room_transformed() {
         }
     }
 }
+
+#[test]
+fn objects_are_illuminated_unless_hidden_out_of_the_beam_or_gone() {
+    let session = physical(PlayWorld::Dining, 3, 40.0);
+    let room = session.physical.as_ref().unwrap();
+    let from_tracking = session.tracking_from_room.inverse();
+    let (mut illuminated, mut hidden_parts, mut strong) = (0, 0, 0);
+    for n in 0..100 {
+        let time_s = f64::from(n) * 0.4;
+        let sensor = session.sensor_at(time_s);
+        for (index, object) in session.things().into_iter().enumerate() {
+            let in_beam = object.thing.scatterers.iter().filter(|part| session.is_in_beam(&sensor, part.position_m));
+            let is_open = |part: &&Scatterer| {
+                let [from_m, to_m] = [sensor.translation, part.position_m].map(|m| from_tracking.transform_point(m));
+                room.has_line_of_sight(time_s >= object.until_s, from_m, to_m)
+            };
+            let (open, hidden): (Vec<&Scatterer>, Vec<&Scatterer>) = in_beam.partition(is_open);
+            let is_illuminated = session.is_illuminated(index, time_s);
+            assert_eq!(is_illuminated, !open.is_empty() && time_s < object.until_s);
+            illuminated += u32::from(is_illuminated);
+            hidden_parts += hidden.len();
+            strong += u32::from(is_illuminated && session.echo_snr_db(index, time_s) > 0.0);
+            if time_s >= object.until_s {
+                assert_eq!((is_illuminated, session.echo_snr_db(index, time_s)), (false, f64::NEG_INFINITY));
+            }
+        }
+    }
+    assert!(illuminated > 20 && hidden_parts > 100, "{illuminated} {hidden_parts}");
+    assert!((1..illuminated).contains(&strong), "{strong} of {illuminated}");
+}

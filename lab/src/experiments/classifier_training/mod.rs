@@ -35,16 +35,18 @@ const SETTINGS: BoostSettings =
 /// Labelled features of detections in simulated sessions.
 #[derive(Debug, Clone, Default)]
 pub struct TrainingSet {
+    /// The commands that played the sessions.
+    commands: Vec<String>,
     rows: Vec<LabelledFeatures<{ FEATURES.len() }>>,
 }
 
 impl TrainingSet {
-    /// Plays one session per seed and labels its detections. The result does not depend on the
+    /// Plays one session per seed and labels its detections; `command` is what the user ran. The result does not depend on the
     /// number of threads.
     ///
     /// # Errors
     /// A session that cannot be simulated.
-    pub fn of(trial: &PlayTrial, seeds: &[u64]) -> Result<Self, PlayError> {
+    pub fn of(trial: &PlayTrial, seeds: &[u64], command: &str) -> Result<Self, PlayError> {
         let of_seed = |&seed: &u64| -> Result<_, PlayError> {
             let session = PlaySession { seed, ..trial.session.clone() }.prepare()?;
             let mut candidates = Vec::new();
@@ -55,13 +57,15 @@ impl TrainingSet {
             Ok(rows(&candidates))
         };
         let of_seeds: Vec<_> = seeds.par_iter().map(of_seed).collect::<Result<_, _>>()?;
-        Ok(Self { rows: of_seeds.concat() })
+        Ok(Self { commands: vec![command.into()], rows: of_seeds.concat() })
     }
 
     /// Both sets together.
     #[must_use]
     pub fn merged(mut self, others: Self) -> Self {
         self.rows.extend(others.rows);
+        self.commands.extend(others.commands);
+        self.commands.dedup();
         self
     }
 
@@ -74,13 +78,15 @@ impl TrainingSet {
         self
     }
 
-    /// As CSV: a heading with the features' names, then one example a line. Read back exactly.
+    /// As CSV: the commands in comments (#), a heading with the features' names, then one example a line. Read back
+    /// exactly.
     pub fn to_csv(&self) -> String {
         let line = |row: &LabelledFeatures<{ FEATURES.len() }>| {
             let features: String = row.features.iter().map(|value| format!("{value},")).collect();
             format!("{features}{},{}\n", u8::from(row.is_object), row.weight)
         };
-        std::iter::once(csv_heading()).chain(self.rows.iter().map(line)).collect()
+        let commands = self.commands.iter().map(|command| format!("# {command}\n"));
+        commands.chain([csv_heading()]).chain(self.rows.iter().map(line)).collect()
     }
 
     /// Reads [`Self::to_csv`].
@@ -88,9 +94,13 @@ impl TrainingSet {
     /// # Errors
     /// Examples of other features, or a line that is not of numbers.
     pub fn from_csv(text: &str) -> Result<Self, CsvError> {
-        let body = text.strip_prefix(csv_heading().as_str()).ok_or(CsvError::Heading)?;
-        let row = |(n, line): (usize, &str)| from_csv_line(line).ok_or(CsvError::Line(n + 2));
-        Ok(Self { rows: body.lines().enumerate().map(row).collect::<Result<_, _>>()? })
+        let commands: Vec<String> = text.lines().map_while(|line| line.strip_prefix("# ")).map(String::from).collect();
+        let mut lines = text.lines().enumerate().skip(commands.len());
+        if lines.next().is_none_or(|(_, heading)| heading != csv_heading().trim_end()) {
+            return Err(CsvError::Heading);
+        }
+        let row = |(n, line): (usize, &str)| from_csv_line(line).ok_or(CsvError::Line(n + 1));
+        Ok(Self { commands, rows: lines.map(row).collect::<Result<_, _>>()? })
     }
 
     /// Number of positive examples (objects) and of negative examples.
@@ -99,9 +109,10 @@ impl TrainingSet {
         (things, self.rows.len() - things)
     }
 
-    /// Trains a model on this set; `command` is what the user ran, `worlds` describes the sessions.
-    /// Both go into the model card.
-    pub fn train(&self, command: String, worlds: String) -> Model {
+    /// Trains a model on this set; `command` is what the user ran. It goes into the model card, with the commands that
+    /// played the sessions.
+    pub fn train(&self, command: String) -> Model {
+        let worlds = format!("simulated play sessions: {}", self.commands.join("; "));
         let (prior, trees) = boost(&self.rows, &SETTINGS);
         let (things, artefacts) = self.counts();
         let card = ModelCard { command, commit: String::new(), worlds, things, artefacts, held_out: None };
@@ -234,13 +245,15 @@ mod tests {
 
     #[test]
     fn examples_are_written_and_read_exactly_and_others_refused() {
-        let set = TrainingSet { rows: vec![row(0.1, true), row(-1.0 / 3.0, false)] };
+        let rows = vec![row(0.1, true), row(-1.0 / 3.0, false)];
+        let set = TrainingSet { commands: vec!["play a".into(), "play b".into()], rows };
         let text = set.to_csv();
-        assert_eq!(TrainingSet::from_csv(&text).unwrap().rows, set.rows);
+        let read = TrainingSet::from_csv(&text).unwrap();
+        assert_eq!((&read.rows, &read.commands), (&set.rows, &set.commands));
         let refused = |text: &str| TrainingSet::from_csv(text).unwrap_err();
         assert_eq!(refused(&text.replace("ln score", "score")), CsvError::Heading);
         for broken in [text.replace("0.1", "NaN"), text.replace("0.1,", ""), text.replace("0.1", "x")] {
-            assert_eq!(refused(&broken), CsvError::Line(2));
+            assert_eq!(refused(&broken), CsvError::Line(4));
         }
         assert!(set.without(&[16]).rows.iter().all(|row| row.features[16] == 0.0));
     }
@@ -248,8 +261,8 @@ mod tests {
     #[test]
     fn a_trained_model_is_scored_by_order_and_by_loss() {
         let rows = (0..400).map(|n| row(f64::from(n % 20), n % 20 >= 10)).collect();
-        let set = TrainingSet { rows };
-        let model = set.train("test".into(), "none".into());
+        let set = TrainingSet { commands: Vec::new(), rows };
+        let model = set.train("test".into());
         assert_eq!(Model::from_json(&model.to_json()).unwrap(), model);
         let right = set.score(&model, "test".into());
         assert!(right.area_under_curve == 1.0 && right.log_loss < 0.01, "{right:?}");

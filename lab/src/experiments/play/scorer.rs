@@ -54,6 +54,9 @@ const DETECTED_S: f64 = 10.0;
 /// A false report is a mirror image of what lies this near to its position mirrored in a wall, metres. Choice: the
 /// radius of a false report, and as much for the wall's own roughness.
 const MIRROR_M: f64 = 0.4;
+/// Interval at which it is computed what the sensor illuminates, seconds. Choice: an eighth of the time after which an
+/// object is due.
+const ILLUMINATION_STEP_S: f64 = 0.09;
 /// A warning that switches on and off again within this time flickers, seconds. Choice: shorter
 /// than any approach and retreat.
 const FLICKER_S: f64 = 1.0;
@@ -93,17 +96,13 @@ struct PastDetection {
     log_odds: f64,
 }
 
-/// Interval at which it is looked up what the sensor can see, seconds. Choice: an eighth of the time after which an
-/// object is due.
-const SIGHT_STEP_S: f64 = 0.09;
-
 /// An object or wall that can be run into.
 struct Target<'s> {
     geometry: TargetGeometry<'s>,
     kind: String,
     until_s: f64,
-    /// What the sensor saw of it, and when that was looked up, seconds.
-    sight: (Sight, f64),
+    /// What the sensor receives of it, and the time for which that was computed, seconds.
+    illumination: (Illumination, f64),
     in_beam_s: f64,
     visible_s: f64,
     distance_m: f64,
@@ -122,9 +121,9 @@ enum TargetGeometry<'s> {
     Wall(&'s SessionWall),
 }
 
-/// What the sensor sees of a target.
+/// What the sensor receives of a target.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sight {
+struct Illumination {
     /// A part is in the beam, and nothing is in between.
     in_beam: bool,
     /// Its echo is strong enough.
@@ -342,7 +341,7 @@ impl<'s> Target<'s> {
             geometry,
             kind: name.into(),
             until_s,
-            sight: (Sight::default(), f64::NEG_INFINITY),
+            illumination: (Illumination::default(), f64::NEG_INFINITY),
             in_beam_s: 0.0,
             visible_s: 0.0,
             distance_m: f64::INFINITY,
@@ -397,17 +396,20 @@ impl<'s> Target<'s> {
         }
     }
 
-    fn sight(&self, session: &Session, time_s: f64) -> Sight {
+    fn illumination(&self, session: &Session, time_s: f64) -> Illumination {
         match self.geometry {
             TargetGeometry::Object(object, _) => {
-                let in_beam = session.is_in_sight(object, time_s);
-                Sight { in_beam, visible: in_beam && subaperture_snr_db(session, object, time_s) >= MIN_VISIBLE_SNR_DB }
+                let in_beam = session.is_illuminated(object, time_s);
+                Illumination {
+                    in_beam,
+                    visible: in_beam && subaperture_snr_db(session, object, time_s) >= MIN_VISIBLE_SNR_DB,
+                }
             }
             TargetGeometry::Wall(wall) => {
                 let sensor = session.sensor_at(time_s);
                 let foot = wall.plane.foot(sensor.translation);
                 let seen = wall.distance_m(foot) < 1e-6 && session.is_in_beam(&sensor, foot);
-                Sight { in_beam: seen, visible: seen }
+                Illumination { in_beam: seen, visible: seen }
             }
         }
     }
@@ -425,11 +427,11 @@ impl<'s> Target<'s> {
             self.approach = None;
             return None;
         }
-        if time_s - self.sight.1 >= SIGHT_STEP_S {
-            self.sight = (self.sight(session, time_s), time_s);
+        if time_s - self.illumination.1 >= ILLUMINATION_STEP_S {
+            self.illumination = (self.illumination(session, time_s), time_s);
         }
-        self.in_beam_s += if self.sight.0.in_beam { step_s } else { 0.0 };
-        self.visible_s += if self.sight.0.visible { step_s } else { 0.0 };
+        self.in_beam_s += if self.illumination.0.in_beam { step_s } else { 0.0 };
+        self.visible_s += if self.illumination.0.visible { step_s } else { 0.0 };
         let distance_m = self.body_distance_m(head);
         // The closing speed of the first step is 0.
         let before_m = if self.distance_m.is_finite() { self.distance_m } else { distance_m };

@@ -1,4 +1,4 @@
-//! What the sensor can see of a session's objects: the upper bound of what a reconstruction can find.
+//! What the sensor illuminates, and how strongly it returns: the upper bound of what a reconstruction can find.
 
 use glam::DVec3;
 
@@ -17,9 +17,12 @@ impl Session {
         to.length() <= IN_BEAM_M && self.play.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
     }
 
-    /// Whether a part of an object is in the beam, and nothing is in between. `object` is its index in
-    /// [`Self::things`].
-    pub fn is_in_sight(&self, object: usize, time_s: f64) -> bool {
+    /// Whether a part of an object is in the beam with a line of sight to the sensor. `object` is its index in
+    /// [`Self::things`]. Of an object that was carried away: no.
+    pub fn is_illuminated(&self, object: usize, time_s: f64) -> bool {
+        if self.is_gone(object, time_s) {
+            return false;
+        }
         let sensor = self.sensor_at(time_s);
         let removed = time_s >= self.removed_s;
         let room_from_tracking = self.tracking_from_room.inverse();
@@ -31,12 +34,12 @@ impl Session {
     }
 
     /// Power SNR of an object's direct echoes in one sweep, dB: at the range at which they are strongest, with what is
-    /// in between taken into account. Echoes of its parts within a pulse's length add by power. `object` is its index
-    /// in [`Self::things`].
+    /// in between taken into account. Echoes of its parts within a pulse's length add by power. −∞ without any. `object`
+    /// is its index in [`Self::things`].
     pub fn echo_snr_db(&self, object: usize, time_s: f64) -> f64 {
         let mut subsweeps = self.play.config.subsweeps.iter().enumerate();
         let hears = subsweeps.find(|(index, _)| self.sensor.hears_echoes(*index));
-        let Some((_, subsweep)) = hears else { return f64::NEG_INFINITY };
+        let Some((_, subsweep)) = hears.filter(|_| !self.is_gone(object, time_s)) else { return f64::NEG_INFINITY };
         let power = match &self.physical {
             None => self.strongest_part(object, &self.sensor_at(time_s)),
             Some(room) => {
@@ -48,6 +51,10 @@ impl Session {
             }
         };
         snr_db(subsweep.profile, subsweep.hwaas, 0.0, 1.0) + self.play.beam.gain_db() + 10.0 * math::log10(power)
+    }
+
+    fn is_gone(&self, object: usize, time_s: f64) -> bool {
+        Some(object) == self.removed && time_s >= self.removed_s
     }
 
     /// Power of the strongest part, relative to 0 dBsm at 1 m on the axis.
