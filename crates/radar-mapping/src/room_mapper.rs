@@ -427,7 +427,8 @@ impl RoomMapper {
 
     fn screening(&self) -> Screening<'_> {
         let Self { config, window, hands, objects, walls, candidates, .. } = self;
-        Screening { config, window, hands, objects, walls, candidates }
+        let background_known_since_ns = self.background.known_since_ns();
+        Screening { config, window, hands, objects, walls, candidates, background_known_since_ns }
     }
 
     /// Ends the update: refines the positions.

@@ -42,6 +42,8 @@ pub(super) struct SensorBackground {
 struct SubsweepBackground {
     block: Block,
     blocks: f32,
+    /// End of the block with which it was known.
+    known_since_ns: Option<i64>,
     points: Vec<PointBackground>,
 }
 
@@ -77,6 +79,12 @@ impl SensorBackground {
             *sample -= point.significant(background.blocks);
         }
     }
+
+    /// Time from which on the background of every subsweep with near points is known, host nanoseconds; `None` while it
+    /// is not.
+    pub fn known_since_ns(&self) -> Option<i64> {
+        self.subsweeps.values().try_fold(i64::MIN, |since, background| Some(since.max(background.known_since_ns?)))
+    }
 }
 
 impl SubsweepBackground {
@@ -106,6 +114,9 @@ impl SubsweepBackground {
         // The same number of points in every sweep of a subsweep.
         self.points.resize(self.block.sums.len(), PointBackground::default());
         self.blocks = (self.blocks + 1.0).min(MEMORY_BLOCKS);
+        if self.blocks >= MIN_BLOCKS {
+            self.known_since_ns.get_or_insert(self.block.last_ns);
+        }
         for (point, sum) in self.points.iter_mut().zip(&self.block.sums) {
             point.add(sum / sweeps, self.blocks);
         }
@@ -183,6 +194,17 @@ mod tests {
         let [near, far] = left(8, 0.0);
         assert_eq!(near, far);
         assert!(near >= RING_LSB, "{near}");
+    }
+
+    #[test]
+    fn background_is_known_after_two_seconds_of_motion_and_never_at_rest() {
+        let known_since_ns = |speed_m_per_s: f64| {
+            let mut background = SensorBackground::default();
+            (0..3000).for_each(|n| background.subtract(&mut sweep(n, speed_m_per_s, Complex32::ONE)));
+            background.known_since_ns()
+        };
+        assert!((1_900_000_000..2_000_000_000).contains(&known_since_ns(0.37).unwrap()));
+        assert_eq!(known_since_ns(0.0), None);
     }
 
     #[test]

@@ -52,6 +52,8 @@ pub(super) struct Screening<'a> {
     pub objects: &'a ObjectMap,
     pub walls: &'a WallMap,
     pub candidates: &'a CandidateLog,
+    /// Time from which on the sensor's own signal is known and subtracted, host nanoseconds; `None`: not yet.
+    pub background_known_since_ns: Option<i64>,
 }
 
 impl Screening<'_> {
@@ -78,6 +80,7 @@ impl Screening<'_> {
         let there = queried.filter(|(detection, query_index)| {
             !self.is_floor_below(detection.estimate, detection.aspect.beam)
                 && !self.is_near_recent_hand(detection.estimate)
+                && !self.may_be_background(detection)
                 && is_there(&new.responses[**query_index])
         });
         let with_history = |(detection, query_index): (&Detection<DVec3>, &usize)| {
@@ -102,6 +105,13 @@ impl Screening<'_> {
     fn is_near_recent_hand(&self, point: DVec3) -> bool {
         let now_ns = self.window.now_ns();
         self.hands.came_near(point, HAND_EXCLUSION_M, now_ns.saturating_sub(HAND_EXCLUSION_NS))
+    }
+
+    /// The sensor's own signal is strongest near it. In sub-apertures from before it was known, it may be taken for
+    /// something near.
+    fn may_be_background(&self, detection: &Detection<DVec3>) -> bool {
+        let is_from_before = self.background_known_since_ns.is_none_or(|since_ns| detection.first_ns < since_ns);
+        is_from_before && self.config.settings.tracks.is_near_only(detection)
     }
 
     /// A detection with its log odds, from its surroundings and the history.
