@@ -255,9 +255,9 @@ impl RoomMapper {
     }
 
     /// Confirmed obstacles, by falling evidence. Tracks near each other belong to one obstacle,
-    /// which has the position of the strongest.
+    /// which has the position of the strongest. What is behind a known wall is none.
     pub fn obstacles(&self) -> Vec<Obstacle> {
-        self.objects.obstacles(&self.imaging)
+        self.objects.obstacles(&self.imaging, |point| self.walls.hides(point))
     }
 
     /// Confirmed walls, by falling evidence.

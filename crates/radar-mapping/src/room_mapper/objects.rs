@@ -146,9 +146,10 @@ impl ObjectMap {
     }
 
     /// Confirmed obstacles, by falling evidence. Tracks near each other belong to one obstacle,
-    /// which has the position of the strongest.
-    pub fn obstacles(&self, imaging: &Imaging) -> Vec<Obstacle> {
-        let mut tracks: Vec<_> = self.tracks.confirmed().collect();
+    /// which has the position of the strongest. Those that `is_hidden` holds for account for their echoes and are no
+    /// obstacles.
+    pub fn obstacles(&self, imaging: &Imaging, is_hidden: impl Fn(DVec3) -> bool) -> Vec<Obstacle> {
+        let mut tracks: Vec<_> = self.tracks.confirmed().filter(|track| !is_hidden(track.estimate)).collect();
         tracks.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
         let mut obstacles: Vec<Obstacle> = Vec::new();
         for track in tracks {

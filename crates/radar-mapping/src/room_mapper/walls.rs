@@ -20,6 +20,11 @@ const MAX_MISSED_UPDATES: u32 = 24;
 /// A wall is expected where it was seen, and this far beyond, metres. Choice: the foot moves with
 /// the head, which goes farther than it has been; much farther along there may be a doorway.
 const LATERAL_M: f64 = 0.6;
+/// A point this far behind the seen part of a wall is hidden by it, metres, and the part reaches this far beyond where it
+/// was seen. Choice: the pulse's width and a wall's error of position; a plane goes on where an L-shaped room or the
+/// space beside a pillar is open, so its seen part ends soon.
+const BEHIND_M: f64 = 0.25;
+const SEEN_BEYOND_M: f64 = 0.3;
 
 /// What walls are judged from: the window, the hands in it, and the cosine from which on a normal is in
 /// the beam.
@@ -73,6 +78,20 @@ impl WallMap {
     /// The confirmed planes.
     pub fn planes(&self) -> Vec<Plane> {
         self.tracks.confirmed().map(|wall| wall.estimate).collect()
+    }
+
+    /// Whether a known wall, floor or ceiling is between a point and the room. What is detected there is a mirror image,
+    /// or the end of a path by way of the wall.
+    pub fn hides(&self, point: DVec3) -> bool {
+        self.tracks.confirmed().filter(|wall| !wall.provisional).any(|wall| {
+            let foot = wall.estimate.foot(point);
+            // Walls were seen at the sensor's height alone, and reach down to the floor.
+            let up_m = if wall.estimate.is_upright() { f64::INFINITY } else { SEEN_BEYOND_M };
+            let beyond_m = DVec3::splat(SEEN_BEYOND_M).with_y(up_m);
+            let is_seen_at =
+                |seen_at: &Aabb| seen_at.min.cmple(foot + beyond_m).all() && seen_at.max.cmpge(foot - beyond_m).all();
+            wall.estimate.distance(point) < -BEHIND_M && self.feet.get(&wall.id).is_some_and(is_seen_at)
+        })
     }
 
     /// Updates the tracks with an update's detections; returns how many of these counted as hits.
@@ -221,6 +240,40 @@ mod tests {
             search.walls().iter().filter(|wall| wall.plane.distance(DVec3::ZERO) > 0.9).count()
         };
         assert_eq!([None, Some(DVec3::new(0.3, -0.4, -0.8))].map(known_after), [0, 1]);
+    }
+
+    #[test]
+    fn mirror_image_behind_wall_is_not_reported() {
+        let wall = Plane { outward: DVec3::NEG_Z, offset_m: 1.5 };
+        let (object, image) = (DVec3::new(0.2, 0.1, -1.0), DVec3::new(0.2, 0.1, -2.0));
+        let reported_behind = |echoes: &[(Echo, f64)]| {
+            let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+            sweeps(6.0, winding, echoes, 3).into_iter().for_each(|sweep| search.push(sweep));
+            let is_image = |at: &DVec3| at.distance(image) < 0.1;
+            let detected = search.objects.confirmed().any(|track| is_image(&track.estimate));
+            (detected, search.obstacles().iter().any(|obstacle| is_image(&obstacle.position_m)))
+        };
+        let points = [(Echo::Point(object), 8.0), (Echo::Point(image), 8.0)];
+        assert_eq!(reported_behind(&points), (true, true));
+        assert_eq!(reported_behind(&[&points[..], &[(Echo::Plane(wall), 3.0)]].concat()), (true, false));
+    }
+
+    #[test]
+    fn only_seen_part_of_wall_hides() {
+        let mut walls = WallMap::default();
+        let wall = Plane { outward: DVec3::NEG_Z, offset_m: 1.0 };
+        let seen_at = Aabb { min: DVec3::new(-0.5, 1.2, -1.0), max: DVec3::new(0.5, 1.7, -1.0) };
+        let times = [0, 1];
+        let id = walls.tracks.restore(1, wall, 9.0, times, same_plane(DVec3::ZERO)).unwrap();
+        walls.feet.insert(id, seen_at);
+        let behind = DVec3::new(0.0, 1.4, -1.5);
+        assert!(!walls.hides(behind), "a restored wall may be gone");
+        walls.tracks.confirm_provisional(|_| true);
+        assert!(walls.hides(behind) && !walls.hides(behind + DVec3::Z * 0.4), "at the wall");
+        assert!(walls.hides(behind - DVec3::Y), "the image of a low object");
+        assert!(!walls.hides(behind + DVec3::X * 0.9), "the plane may go on through an open space");
+        walls.feet.clear();
+        assert!(!walls.hides(behind), "nobody knows where it was seen");
     }
 
     #[test]
