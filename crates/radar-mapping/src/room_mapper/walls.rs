@@ -243,6 +243,20 @@ mod tests {
     }
 
     #[test]
+    fn echo_that_accompanies_the_sensor_is_no_wall() {
+        let walls_at = |offset_m: f64, nearer_m_per_s: f64| {
+            let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+            let along = |t: f64| DVec3::X * (0.3 * t) + DVec3::NEG_Z * (nearer_m_per_s * t);
+            let wall = Echo::Plane(Plane { outward: DVec3::NEG_Z, offset_m });
+            sweeps(4.0, along, &[(wall, 3.0)], 3).into_iter().for_each(|sweep| search.push(sweep));
+            search.walls().len()
+        };
+        assert_eq!(walls_at(0.7, 0.0), 0, "what the wearer carries moves with the head too");
+        assert_eq!(walls_at(0.7, 0.05), 1, "the head has come nearer");
+        assert_eq!(walls_at(1.2, 0.0), 1, "the wearer does not reach so far");
+    }
+
+    #[test]
     fn mirror_image_behind_wall_is_not_reported() {
         let wall = Plane { outward: DVec3::NEG_Z, offset_m: 1.5 };
         let (object, image) = (DVec3::new(0.2, 0.1, -1.0), DVec3::new(0.2, 0.1, -2.0));
