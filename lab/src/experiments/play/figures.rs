@@ -48,10 +48,15 @@ pub struct Approach {
 pub struct Detected {
     /// Their number, over all updates of the map.
     pub count: usize,
+    /// How many of them may be reported, if the classifier finds them likely enough: those of a known place, that
+    /// may not be a hand, and of no object that is known already.
+    pub may_be_new: usize,
     /// The greatest score.
     pub score: f64,
-    /// The greatest log odds that the classifier gave.
+    /// The greatest log odds that the classifier gave to one of these.
     pub log_odds: f64,
+    /// Whether these are enough for a report.
+    pub is_likely: bool,
 }
 
 /// Bounds of the report against the object's own scatterers, metres. Positive: reported nearer,

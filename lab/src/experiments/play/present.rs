@@ -112,16 +112,16 @@ pub fn missed(figures: &Figures) -> Table {
                 kind.clone(),
                 of_kind().count().to_string(),
                 count(|d| d.count == 0),
-                count(|d| d.count > 0 && d.log_odds < 0.0),
-                count(|d| d.count > 0 && d.log_odds >= 0.0),
+                count(|d| d.count > 0 && d.may_be_new == 0),
+                count(|d| d.may_be_new > 0 && !d.is_likely),
+                count(|d| d.is_likely),
                 formatted(median, 1),
             ],
         )
     };
     let mut rows: Vec<_> = figures.kinds().into_iter().map(row).filter(|(count, _)| *count > 0).collect();
     rows.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
-    let head =
-        ["missed", "times", "nothing detected", "unlikely by the classifier", "likely", "greatest score, median"];
+    let head = ["missed", "times", "nothing detected", "not new", "unlikely", "likely", "greatest score, median"];
     Table {
         head: head.map(str::to_owned).to_vec(),
         rows: rows.into_iter().map(|(_, row)| row).collect(),
@@ -130,8 +130,9 @@ pub fn missed(figures: &Figures) -> Table {
 }
 
 const MISSED_CAPTION: &str = "Approaches without a warning in time, by the detections within 25 cm of the object in the \
-    ten seconds before the deadline. unlikely, likely: the greatest log odds that the classifier gave to one of them, \
-    below 0 or not.";
+    ten seconds before the deadline. not new: none may be reported as new, because its place is open, it may be a hand, \
+    or it is known already. unlikely, likely: the greatest log odds that the classifier gave to one that may be, against \
+    those at which an object is reported.";
 
 /// False reports anywhere, by where they are.
 pub fn false_reports(figures: &Figures) -> Table {

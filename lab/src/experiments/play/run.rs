@@ -85,7 +85,7 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
             tracker: WarningTracker::new(),
             scene: Scene::default(),
             evidence_ns: None,
-            scorer: Scorer::new(session),
+            scorer: Scorer::new(session, trial.settings.rooms.tracks.confirm_log_odds),
             on_update,
         }
     }

@@ -78,6 +78,8 @@ pub(super) struct ShownWarnings {
 /// Scores one session.
 pub(super) struct Scorer<'s> {
     session: &'s Session,
+    /// Log odds at which a detection is reported.
+    confirm_log_odds: f64,
     targets: Vec<Target<'s>>,
     reports: BTreeMap<ReportId, ReportState>,
     hands: VecDeque<(f64, Vec<DVec3>)>,
@@ -93,6 +95,7 @@ struct PastDetection {
     time_s: f64,
     position_m: DVec3,
     score: f64,
+    may_be_new: bool,
     log_odds: f64,
 }
 
@@ -158,7 +161,8 @@ struct RemovalTracker {
 }
 
 impl<'s> Scorer<'s> {
-    pub fn new(session: &'s Session) -> Self {
+    /// Scores a session in which detections are reported from `confirm_log_odds` on.
+    pub fn new(session: &'s Session, confirm_log_odds: f64) -> Self {
         let objects = session.things();
         let target = |(index, t): (usize, &radar_simulation::SessionObject<'s>)| {
             Target::new(TargetGeometry::Object(index, &t.thing.scatterers), &t.thing.name, t.until_s)
@@ -167,6 +171,7 @@ impl<'s> Scorer<'s> {
         let walls = upright.map(|wall| Target::new(TargetGeometry::Wall(wall), "wall", f64::INFINITY));
         Self {
             session,
+            confirm_log_odds,
             targets: objects.iter().enumerate().map(target).chain(walls).collect(),
             reports: BTreeMap::new(),
             hands: VecDeque::new(),
@@ -184,6 +189,7 @@ impl<'s> Scorer<'s> {
             time_s,
             position_m: candidate.position_m,
             score: math::exp(candidate.features[0]),
+            may_be_new: candidate.may_be_new,
             log_odds: Model::embedded().log_odds(&candidate.features),
         }));
         // An open approach may have had its deadline some time ago.
@@ -198,7 +204,7 @@ impl<'s> Scorer<'s> {
         self.record_moving_parts(time_s);
         for target in &mut self.targets {
             if let Some(approach) = target.step(self.session, time_s, step_s, &head, scene, shown) {
-                self.figures.approaches.push(target.with_detected(approach, &self.detections));
+                self.figures.approaches.push(target.with_detected(approach, &self.detections, self.confirm_log_odds));
             }
             self.figures.flickers += u64::from(std::mem::take(&mut target.flickered));
         }
@@ -209,7 +215,8 @@ impl<'s> Scorer<'s> {
     /// Ends the session. `reports` is the number of obstacles in the map.
     pub fn end(mut self, reports: usize) -> Figures {
         for target in &mut self.targets {
-            let approach = target.end().map(|approach| target.with_detected(approach, &self.detections));
+            let approach =
+                target.end().map(|approach| target.with_detected(approach, &self.detections, self.confirm_log_odds));
             self.figures.approaches.extend(approach);
         }
         self.figures.approaches.sort_by(|a, b| a.deadline_s.total_cmp(&b.deadline_s));
@@ -274,9 +281,15 @@ impl<'s> Scorer<'s> {
             || person.flat_map(|(_, parts)| parts).any(|part| part.distance(point) <= PERSON_RADIUS_M)
     }
 
+    /// Walls, floor and ceiling that reach to where the perpendicular from a point meets them.
+    fn walls_before(&self, point: DVec3) -> impl Iterator<Item = &SessionWall> {
+        let reaches = move |wall: &&SessionWall| wall.distance_m(wall.plane.foot(point)) < 1e-6;
+        self.session.walls().iter().filter(reaches)
+    }
+
     /// Distance behind the nearest wall, floor or ceiling, metres; negative before all of them.
     fn behind_m(&self, point: DVec3) -> f64 {
-        let behind = self.session.walls().iter().map(|wall| point.dot(wall.plane.outward) - wall.plane.offset_m);
+        let behind = self.walls_before(point).map(|wall| point.dot(wall.plane.outward) - wall.plane.offset_m);
         behind.fold(f64::NEG_INFINITY, f64::max)
     }
 
@@ -286,7 +299,7 @@ impl<'s> Scorer<'s> {
         if self.behind_m(point) <= 0.0 {
             return String::new();
         }
-        let images = self.session.walls().iter().map(|wall| 2.0 * wall.plane.foot(point) - point);
+        let images = self.walls_before(point).map(|wall| 2.0 * wall.plane.foot(point) - point);
         let mut near = images.filter_map(|image| self.targets.iter().find(|t| t.distance_to_m(image) <= MIRROR_M));
         near.next().map_or_else(String::new, |target| target.kind.clone())
     }
@@ -365,16 +378,27 @@ impl<'s> Target<'s> {
     }
 
     /// Its approach with what was detected of it in the seconds before the deadline.
-    fn with_detected(&self, approach: Approach, detections: &VecDeque<PastDetection>) -> Approach {
+    fn with_detected(
+        &self,
+        approach: Approach,
+        detections: &VecDeque<PastDetection>,
+        confirm_log_odds: f64,
+    ) -> Approach {
         if matches!(self.geometry, TargetGeometry::Wall(_)) {
             return approach;
         }
         let before_s = |past: &PastDetection| approach.deadline_s - past.time_s;
         let recent = detections.iter().filter(|past| (0.0..DETECTED_S).contains(&before_s(past)));
         let own: Vec<_> = recent.filter(|past| self.distance_to_m(past.position_m) <= FALSE_REPORT_M).collect();
-        let greatest = |value: fn(&PastDetection) -> f64| own.iter().copied().map(value).reduce(f64::max);
-        let (score, log_odds) = (greatest(|past| past.score), greatest(|past| past.log_odds));
-        let detected = Detected { count: own.len(), score: score.unwrap_or(0.0), log_odds: log_odds.unwrap_or(0.0) };
+        let new = || own.iter().filter(|past| past.may_be_new);
+        let log_odds = new().map(|past| past.log_odds).reduce(f64::max);
+        let detected = Detected {
+            count: own.len(),
+            may_be_new: new().count(),
+            score: own.iter().map(|past| past.score).reduce(f64::max).unwrap_or(0.0),
+            log_odds: log_odds.unwrap_or(0.0),
+            is_likely: log_odds.is_some_and(|log_odds| log_odds >= confirm_log_odds),
+        };
         Approach { detected: Some(detected), ..approach }
     }
 
