@@ -14,7 +14,7 @@ use indicatif::ProgressBar;
 
 use super::files::read_streams;
 use super::replay::{Replay, obstacle_table, result_text, sensor_path, write_obstacles};
-use super::simulate::write_scenario;
+use super::simulate::{effects_in, write_scenario};
 use super::view::ViewArguments;
 use crate::app::progress;
 use crate::render::{EyeView, Renderer};
@@ -274,6 +274,7 @@ impl Demo {
         let config = preset(act.preset).ok_or_else(|| anyhow!("preset {} is gone", act.preset))?;
         let mut scenario = Scenario::new(act.scene, act.motion, config, act.duration_s, self.seed);
         scenario.snr_db = act.snr_db;
+        scenario.effects = effects_in(act.scene);
         if act.motion == "natural" {
             scenario.errors.dropouts_per_minute = 4.0;
         }

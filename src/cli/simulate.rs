@@ -77,9 +77,10 @@ pub(super) struct Simulate {
     #[arg(long)]
     dropouts_per_minute: Option<f64>,
     /// Imperfections of the sensor: none, measured, or a list of jitter, leakage, ringing,
-    /// range_bias, warm_up, interference, profile_noise, each with =STRENGTH if it is not 1
-    #[arg(long, default_value = "none")]
-    effects: SensorEffects,
+    /// range_bias, warm_up, interference, profile_noise, each with =STRENGTH if it is not 1;
+    /// default: measured in furnished-room, empty-room and play-room, none in the thesis' scenes
+    #[arg(long)]
+    effects: Option<SensorEffects>,
     /// Recording to write
     #[arg(long, value_name = "FILE.mcap", required_unless_present = "serve")]
     out: Option<PathBuf>,
@@ -143,7 +144,7 @@ impl Simulate {
             scenario.head_from_sensor = parse_mount(mount)?;
         }
         scenario.errors = self.errors()?;
-        scenario.effects = self.effects;
+        scenario.effects = self.effects.unwrap_or_else(|| effects_in(&self.room));
         scenario.snr_db = self.snr_db;
         scenario.time_offset_s = self.time_offset_s.unwrap_or(0.0);
         Ok(scenario)
@@ -165,11 +166,20 @@ impl Simulate {
             session.head_from_sensor = parse_mount(mount)?;
         }
         session.errors = self.errors()?;
-        session.effects = self.effects;
+        session.effects = self.effects.unwrap_or_else(|| effects_in(PLAY_ROOM));
         session.world = self.world.as_deref().map_or(Ok(PlayWorld::Points), PlayWorld::from_name)?;
         // Aligns the room with the axes, so that the walls in the truth are axis-aligned.
         session.axis_aligned = true;
         Ok(session)
+    }
+}
+
+/// The sensor's imperfections in a room: as measured on real sensors in what stands for real rooms, none in the thesis'
+/// scenes, which compare methods.
+pub(super) fn effects_in(room: &str) -> SensorEffects {
+    match room {
+        "furnished-room" | "empty-room" | PLAY_ROOM => SensorEffects::MEASURED,
+        _ => SensorEffects::NONE,
     }
 }
 

@@ -64,7 +64,7 @@ pub struct PlaySessions {
     headset: String,
     /// Imperfections of the sensor: none, measured, or a list of jitter, leakage, ringing,
     /// range_bias, warm_up, interference, profile_noise, each with =STRENGTH if it is not 1
-    #[arg(long, default_value = "none")]
+    #[arg(long, default_value = "measured")]
     effects: SensorEffects,
     /// Plays the same at each of these values of rooms.tracks.confirm_log_odds: the curve of detections
     /// against false reports
