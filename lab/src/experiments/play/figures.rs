@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use super::moving::MovingFigures;
+
 /// Cause of a false report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -120,6 +122,8 @@ pub struct Figures {
     /// Number of times that a warning switched on or off within a second of the opposite, for the
     /// same object.
     pub flickers: u64,
+    /// Moving targets.
+    pub moving: MovingFigures,
 }
 
 /// Rates computed from the figures. 18 fields: one row of the tables, serialised as it is.
@@ -185,6 +189,7 @@ impl Figures {
         self.forgettings.extend(other.forgettings);
         self.reports_at_end.extend(other.reports_at_end);
         self.flickers += other.flickers;
+        self.moving.add(other.moving);
     }
 
     /// Approaches of one kind of object alone.

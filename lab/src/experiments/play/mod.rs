@@ -3,11 +3,13 @@
 //! stays reported.
 
 mod figures;
+mod moving;
 mod present;
 mod run;
 mod scorer;
 
 pub use figures::{Approach, Cause, Detected, FalseReport, Figures, Rates, RemovalOutcome};
+pub use moving::MovingFigures;
 pub use present::{by_kind, curve, false_reports, missed, totals};
 pub(in crate::experiments) use run::for_each_update;
 pub use run::{PlayError, PlayTrial, play};

@@ -66,12 +66,12 @@ impl MovingScorer {
             self.figures.near_s += step_s;
             self.figures.shown_s += if is_shown { step_s } else { 0.0 };
         }
-        for target in scene.moving.iter().filter(|target| !self.counted.contains(&target.id)) {
+        for target in &scene.moving {
             let was_there = |parts_m: &dyn Fn(f64) -> Vec<DVec3>| {
                 let times_s = (0..=(AFTER_S / STEP_S) as u32).map(|n| time_s - f64::from(n) * STEP_S);
                 times_s.into_iter().any(|time_s| range_off_m(target, &parts_m(time_s)) <= FALSE_M)
             };
-            if was_there(&|time_s| session.visitor_at(time_s)) {
+            if self.counted.contains(&target.id) || was_there(&|time_s| session.visitor_at(time_s)) {
                 continue;
             }
             let is_hand = was_there(&|time_s| session.hands_at(time_s).map(|h| h.to_vec()).unwrap_or_default());

@@ -70,6 +70,7 @@ pub fn totals(figures: &Figures) -> Table {
     let row = |name: &str, is: String, wanted: &str| vec![name.to_owned(), is, wanted.to_owned()];
     let at_end = figures.reports_at_end.iter().sum::<usize>() as f64 / figures.reports_at_end.len().max(1) as f64;
     let minutes = figures.played_s / 60.0;
+    let (moving, per_hour) = (&figures.moving, |count: u64| count as f64 * 60.0 / minutes);
     let bound = |n: usize| {
         let [median_cm, p90_cm] = [objects.bounds_median_m, objects.bounds_p90_m].map(|of| 100.0 * of[n]);
         if median_cm.is_finite() { format!("{median_cm:+.0}; {p90_cm:.0}") } else { "–".into() }
@@ -90,6 +91,13 @@ pub fn totals(figures: &Figures) -> Table {
         row("   width, reported wider (+)", bound(1), ""),
         row("   top, reported higher (+)", bound(2), ""),
         row("flickering warnings, per minute", formatted(figures.flickers as f64 / minutes, 2), ""),
+        row(
+            "a person or pet within 2.5 m shown as moving, % of the time",
+            formatted(100.0 * moving.shown_share(), 0),
+            "≥ 80",
+        ),
+        row("shown as moving where nobody moves, per hour", formatted(per_hour(moving.nothing), 0), "at rest ≤ 1"),
+        row("   where the player's hands are", formatted(per_hour(moving.hands), 0), ""),
         row("obstacles in the map at the end", format!("{at_end:.0}"), ""),
         row("played, minutes", format!("{minutes:.1}"), ""),
     ];

@@ -12,6 +12,7 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::DVec3;
 
 use super::figures::{Approach, BoundErrors, Cause, Detected, FalseReport, Figures, Rates, RemovalOutcome};
+use super::moving::MovingScorer;
 use a121::frame_timing;
 use radar_mapping::{Model, Obstacle, Scene, ScoredCandidate, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
@@ -85,6 +86,7 @@ pub(super) struct Scorer<'s> {
     hands: VecDeque<(f64, Vec<DVec3>)>,
     visitor: VecDeque<(f64, Vec<DVec3>)>,
     removal: RemovalTracker,
+    moving: MovingScorer,
     detections: VecDeque<PastDetection>,
     last_s: f64,
     figures: Figures,
@@ -177,6 +179,7 @@ impl<'s> Scorer<'s> {
             hands: VecDeque::new(),
             visitor: VecDeque::new(),
             removal: RemovalTracker::default(),
+            moving: MovingScorer::default(),
             detections: VecDeque::new(),
             last_s: 0.0,
             figures: Figures::default(),
@@ -210,6 +213,7 @@ impl<'s> Scorer<'s> {
         }
         self.score_reports(time_s, step_s, &head, scene);
         self.track_removal(time_s, step_s, &sensor, scene);
+        self.moving.step(self.session, time_s, step_s, scene);
     }
 
     /// Ends the session. `reports` is the number of obstacles in the map.
@@ -224,6 +228,7 @@ impl<'s> Scorer<'s> {
             let in_beam_s = self.removal.removed.then_some(self.removal.in_beam_s);
             self.figures.forgettings.push(RemovalOutcome { was_known, looked_s: in_beam_s });
         }
+        self.figures.moving = self.moving.end();
         self.figures.played_s = self.last_s;
         self.figures.reports_at_end.push(reports);
         self.figures
