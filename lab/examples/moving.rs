@@ -11,23 +11,15 @@
 
 use a121::{frame_timing, preset};
 use glam::DVec3;
+use lab::experiments::moving::{AFTER_S, FALSE_M, NEAR_M, RIGHT_M, range_off_m};
 use radar_chaperone::settings::Settings;
-use radar_mapping::{HandTrail, MovingTarget, MovingTargetTracker};
+use radar_mapping::{HandTrail, MovingTargetTracker};
 use radar_mapping::{Observer, ObserverSettings};
 use radar_sar::subaperture::{MtiFilter, Subaperture, SubapertureBuilder};
 use radar_simulation::{PlaySession, Session};
 
-/// A person within this range, metres, and from this two-way amplitude on is to be shown. Choice: a
-/// person within two steps, and inside the mapper's beam.
-const NEAR_M: f64 = 2.5;
+/// A person in the beam, from this two-way amplitude on, is to be shown. Choice: inside the mapper's beam.
 const AMPLITUDE: f64 = 0.25;
-/// Maximum range difference to one of a person's parts for a correct report, metres; minimum
-/// difference for a false one, metres; time for which a person's former positions still count,
-/// seconds. Choice: a chest's depth and the pulse's half width; between right and false lies a
-/// margin; as long as a track coasts.
-const RIGHT_M: f64 = 0.35;
-const FALSE_M: f64 = 0.5;
-const AFTER_S: f64 = 1.2;
 /// Index of the visitor's part that stands for the body.
 const CHEST: usize = 3;
 
@@ -184,7 +176,7 @@ impl<'a> SessionMonitor<'a> {
             );
         }
         if parts.iter().filter(is_in_beam).count() > 0 {
-            let is_shown = moving.iter().any(|one| off_m(one, &parts) <= RIGHT_M);
+            let is_shown = moving.iter().any(|one| range_off_m(one, &parts) <= RIGHT_M);
             let later = self.session.visitor_at(time_s + 0.01);
             let rate = later.get(CHEST).map(|p| {
                 (p.distance(self.session.sensor_at(time_s + 0.01).translation)
@@ -201,7 +193,7 @@ impl<'a> SessionMonitor<'a> {
                 figures.delays_s.push(time_s - came_s);
             }
             self.came_s = Some((came_s, was_shown || is_shown));
-            for one in moving.iter().filter(|one| off_m(one, &parts) <= RIGHT_M) {
+            for one in moving.iter().filter(|one| range_off_m(one, &parts) <= RIGHT_M) {
                 figures.errors_m.push(one.range_m - parts[CHEST].distance(one.seen_from.translation));
             }
         } else if parts.is_empty() {
@@ -209,7 +201,7 @@ impl<'a> SessionMonitor<'a> {
         }
         for one in &moving {
             let recent = (0..=(AFTER_S * 10.0) as usize).map(|n| self.session.visitor_at(time_s - n as f64 * 0.1));
-            let is_false = recent.into_iter().all(|parts| off_m(one, &parts) > FALSE_M);
+            let is_false = recent.into_iter().all(|parts| range_off_m(one, &parts) > FALSE_M);
             if is_false && !self.false_ids.contains(&one.id) {
                 self.false_ids.push(one.id);
                 figures.false_tracks += 1;
@@ -219,12 +211,6 @@ impl<'a> SessionMonitor<'a> {
             }
         }
     }
-}
-
-/// Difference between a reported range and that of the nearest part of a person, metres.
-fn off_m(moving: &MovingTarget, parts: &[DVec3]) -> f64 {
-    let ranges = parts.iter().map(|part| part.distance(moving.seen_from.translation));
-    ranges.map(|range_m| (range_m - moving.range_m).abs()).fold(f64::INFINITY, f64::min)
 }
 
 /// CPU time of this thread, seconds.

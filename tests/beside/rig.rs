@@ -148,9 +148,6 @@ impl Rig {
             &seed,
             "--duration-s",
             &duration,
-            // What is drawn is judged against all parts of a chair, so all of them must be mapped.
-            "--effects",
-            "none",
             "--serve",
             "pty:sensor",
             "--track-out",

@@ -88,9 +88,7 @@ impl WallMap {
             // Walls were seen at the sensor's height alone, and reach down to the floor.
             let up_m = if wall.estimate.is_upright() { f64::INFINITY } else { SEEN_BEYOND_M };
             let beyond_m = DVec3::splat(SEEN_BEYOND_M).with_y(up_m);
-            let is_seen_at =
-                |seen_at: &Aabb| seen_at.min.cmple(foot + beyond_m).all() && seen_at.max.cmpge(foot - beyond_m).all();
-            wall.estimate.distance(point) < -BEHIND_M && self.feet.get(&wall.id).is_some_and(is_seen_at)
+            wall.estimate.distance(point) < -BEHIND_M && self.was_seen_within(wall.id, foot, beyond_m) == Some(true)
         })
     }
 
@@ -194,9 +192,13 @@ impl WallMap {
     /// Whether a wall was seen near a foot. A wall of unknown extent counts anywhere, else it would
     /// stay for ever.
     fn was_seen_near(&self, wall: u64, foot: DVec3) -> bool {
-        self.feet.get(&wall).is_none_or(|seen_at| {
-            seen_at.min.cmple(foot + LATERAL_M).all() && seen_at.max.cmpge(foot - LATERAL_M).all()
-        })
+        self.was_seen_within(wall, foot, DVec3::splat(LATERAL_M)).unwrap_or(true)
+    }
+
+    /// Whether a foot lies where a wall was seen, or at most this far beyond; `None` for a wall of unknown extent.
+    fn was_seen_within(&self, wall: u64, foot: DVec3, beyond_m: DVec3) -> Option<bool> {
+        let seen_at = self.feet.get(&wall)?;
+        Some(Aabb { min: seen_at.min - beyond_m, max: seen_at.max + beyond_m }.contains(foot))
     }
 }
 

@@ -50,8 +50,8 @@ pub struct Approach {
 pub struct Detected {
     /// Their number, over all updates of the map.
     pub count: usize,
-    /// How many of them may be reported, if the classifier finds them likely enough: those of a known place, that
-    /// may not be a hand, and of no object that is known already.
+    /// How many of them are reported if the classifier finds them likely enough: the position is observable, it is no
+    /// hand, and no object is known there already.
     pub may_be_new: usize,
     /// The greatest score.
     pub score: f64,

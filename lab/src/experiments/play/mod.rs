@@ -3,7 +3,7 @@
 //! stays reported.
 
 mod figures;
-mod moving;
+pub mod moving;
 mod present;
 mod run;
 mod scorer;

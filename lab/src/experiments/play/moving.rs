@@ -9,14 +9,15 @@ use radar_mapping::{MovingTarget, Scene};
 use radar_simulation::Session;
 
 /// A person within this range, metres, is to be shown. Choice: two steps away.
-const NEAR_M: f64 = 2.5;
+pub const NEAR_M: f64 = 2.5;
 /// Maximum difference of range to a part of a person for a target to show that person, and minimum difference for one
 /// that shows nobody, metres. Choice: a chest's depth and the pulse's half width; between right and false lies a margin.
-const RIGHT_M: f64 = 0.35;
-const FALSE_M: f64 = 0.5;
-/// Time for which former positions count for what is false, and the interval of these, seconds. Choice: as long as a
-/// track coasts; a person moves 0.15 m in between.
-const AFTER_S: f64 = 1.2;
+pub const RIGHT_M: f64 = 0.35;
+/// See [`RIGHT_M`].
+pub const FALSE_M: f64 = 0.5;
+/// Time for which former positions count for what is false, seconds. Choice: as long as a track coasts.
+pub const AFTER_S: f64 = 1.2;
+/// Interval of these positions, seconds. Choice: a person moves 0.15 m in between.
 const STEP_S: f64 = 0.1;
 
 /// Figures of moving targets.
@@ -88,7 +89,7 @@ impl MovingScorer {
 }
 
 /// Difference between a target's range and that of the nearest part of somebody, metres; infinite without any.
-fn range_off_m(target: &MovingTarget, parts_m: &[DVec3]) -> f64 {
+pub fn range_off_m(target: &MovingTarget, parts_m: &[DVec3]) -> f64 {
     let ranges_m = parts_m.iter().map(|part| part.distance(target.seen_from.translation));
     ranges_m.map(|range_m| (range_m - target.range_m).abs()).fold(f64::INFINITY, f64::min)
 }

@@ -96,7 +96,7 @@ pub fn totals(figures: &Figures) -> Table {
             formatted(100.0 * moving.shown_share(), 0),
             "≥ 80",
         ),
-        row("shown as moving where nobody moves, per hour", formatted(per_hour(moving.nothing), 0), "at rest ≤ 1"),
+        row("shown as moving where nobody moves, per hour", formatted(per_hour(moving.nothing), 0), "≤ 1"),
         row("   where the player's hands are", formatted(per_hour(moving.hands), 0), ""),
         row("obstacles in the map at the end", format!("{at_end:.0}"), ""),
         row("played, minutes", format!("{minutes:.1}"), ""),
@@ -129,7 +129,8 @@ pub fn missed(figures: &Figures) -> Table {
     };
     let mut rows: Vec<_> = figures.kinds().into_iter().map(row).filter(|(count, _)| *count > 0).collect();
     rows.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
-    let head = ["missed", "times", "nothing detected", "not new", "unlikely", "likely", "greatest score, median"];
+    let head =
+        ["missed", "times", "nothing detected", "not reportable", "unlikely", "likely", "greatest score, median"];
     Table {
         head: head.map(str::to_owned).to_vec(),
         rows: rows.into_iter().map(|(_, row)| row).collect(),
@@ -138,8 +139,8 @@ pub fn missed(figures: &Figures) -> Table {
 }
 
 const MISSED_CAPTION: &str = "Approaches without a warning in time, by the detections within 25 cm of the object in the \
-    ten seconds before the deadline. not new: none may be reported as new, because its place is open, it may be a hand, \
-    or it is known already. unlikely, likely: the greatest log odds that the classifier gave to one that may be, against \
+    ten seconds before the deadline. not reportable: of each, the position is not observable, or it may be a hand, or it \
+    is known already. unlikely, likely: the greatest log odds that the classifier gave to one that is, against \
     those at which an object is reported.";
 
 /// False reports anywhere, by where they are.
