@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::super::echoes::EchoPath;
 use super::super::truth_builder::{IN_BEAM_AMPLITUDE, IN_BEAM_M};
+use super::physical::PhysicalRoom;
 use super::{Scatterer, Session};
 use a121::{Subsweep, snr_db};
 use radar_sar::geometry::Pose;
@@ -17,20 +18,24 @@ impl Session {
         to.length() <= IN_BEAM_M && self.play.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
     }
 
-    /// Whether a part of an object is in the beam with a line of sight to the sensor. `object` is its index in
-    /// [`Self::things`]. Of an object that was carried away: no.
+    /// Whether a point is in the beam with a line of sight to the sensor.
+    pub fn is_seen(&self, time_s: f64, point: DVec3) -> bool {
+        self.sees(&self.sensor_at(time_s), time_s, point)
+    }
+
+    /// Whether a part of an object is seen. `object` is its index in [`Self::things`]. Of an object that was carried
+    /// away: no.
     pub fn is_illuminated(&self, object: usize, time_s: f64) -> bool {
-        if self.is_gone(object, time_s) {
-            return false;
-        }
         let sensor = self.sensor_at(time_s);
-        let removed = time_s >= self.removed_s;
+        let mut parts = self.things[object].scatterers.iter();
+        !self.is_gone(object, time_s) && parts.any(|part| self.sees(&sensor, time_s, part.position_m))
+    }
+
+    fn sees(&self, tracking_from_sensor: &Pose, time_s: f64, point: DVec3) -> bool {
         let room_from_tracking = self.tracking_from_room.inverse();
-        let from_m = room_from_tracking.transform_point(sensor.translation);
-        self.things[object].scatterers.iter().filter(|part| self.is_in_beam(&sensor, part.position_m)).any(|part| {
-            let to_m = room_from_tracking.transform_point(part.position_m);
-            self.physical.as_ref().is_none_or(|room| room.has_line_of_sight(removed, from_m, to_m))
-        })
+        let [from_m, to_m] = [tracking_from_sensor.translation, point].map(|p| room_from_tracking.transform_point(p));
+        let is_free = |room: &PhysicalRoom| room.has_line_of_sight(time_s >= self.removed_s, from_m, to_m);
+        self.is_in_beam(tracking_from_sensor, point) && self.physical.as_ref().is_none_or(is_free)
     }
 
     /// Power SNR of an object's direct echoes in one sweep, dB: at the range at which they are strongest, with what is

@@ -172,6 +172,11 @@ impl PlaySession {
 }
 
 /// A cat on its walk.
+/// The joints in the middle of the three postures; none without anybody.
+fn joints_m(postures: Option<[Posture; 3]>) -> Vec<DVec3> {
+    postures.map(|[_, middle, _]| middle.joints_m).unwrap_or_default()
+}
+
 fn cat(walk: &Walk) -> Posture {
     walking_cat(walk.at_m, walk.facing, walk.stride_phase_rad)
 }
@@ -276,16 +281,24 @@ impl Session {
         Some(palms.map(|palm| self.tracking_from_room.transform_point(palm)))
     }
 
-    /// Positions of the parts of the visitor, and of the pet; empty while there is neither.
+    /// Positions of the parts of the visitor; empty while there is none.
     pub fn visitor_at(&self, time_s: f64) -> Vec<DVec3> {
-        let parts_m: Vec<DVec3> = if self.physical.is_some() {
-            let Movers { visitor, pet, .. } = self.movers([time_s; 3]);
-            visitor.into_iter().chain(pet).flat_map(|[posture, ..]| posture.joints_m).collect()
+        let parts_m = if self.physical.is_some() {
+            joints_m(self.movers([time_s; 3]).visitor)
         } else {
             let visitor = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
             visitor.into_iter().flatten().map(|part| part.position_m).collect()
         };
-        parts_m.into_iter().map(|part_m| self.tracking_from_room.transform_point(part_m)).collect()
+        self.in_tracking_frame(parts_m)
+    }
+
+    /// Positions of the parts of the pet; empty while there is none, as always in a room of point scatterers.
+    pub fn pet_at(&self, time_s: f64) -> Vec<DVec3> {
+        self.in_tracking_frame(joints_m(self.movers([time_s; 3]).pet))
+    }
+
+    fn in_tracking_frame(&self, points_m: Vec<DVec3>) -> Vec<DVec3> {
+        points_m.into_iter().map(|point_m| self.tracking_from_room.transform_point(point_m)).collect()
     }
 
     /// Those who move, at three times; one who arrives or leaves between them is not there.

@@ -1,4 +1,4 @@
-//! Scores moving targets: a person near is to be shown, and nothing is where nobody moves.
+//! Scores moving targets: a person or pet near is to be shown, and nothing is where nobody moves.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use serde::Serialize;
 use radar_mapping::{MovingTarget, Scene};
 use radar_simulation::Session;
 
-/// A person within this range, metres, is to be shown. Choice: two steps away.
+/// A person of whom a part is seen within this range, metres, is to be shown. Choice: two steps away.
 pub const NEAR_M: f64 = 2.5;
 /// Maximum difference of range to a part of a person for a target to show that person, and minimum difference for one
 /// that shows nobody, metres. Choice: a chest's depth and the pulse's half width; between right and false lies a margin.
@@ -20,13 +20,34 @@ pub const AFTER_S: f64 = 1.2;
 /// Interval of these positions, seconds. Choice: a person moves 0.15 m in between.
 const STEP_S: f64 = 0.1;
 
-/// Figures of moving targets.
+/// Time near and time shown.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct MovingFigures {
-    /// Time with a person or pet in the beam within 2.5 m, seconds.
+pub struct ShownTime {
+    /// Time in which a part was seen within 2.5 m, seconds.
     pub near_s: f64,
     /// Of it, time in which a target was shown at that range.
     pub shown_s: f64,
+}
+
+impl ShownTime {
+    /// Share of the time near in which somebody was shown; NaN if nobody came near.
+    pub fn share(&self) -> f64 {
+        self.shown_s / self.near_s
+    }
+
+    fn add(&mut self, other: Self) {
+        self.near_s += other.near_s;
+        self.shown_s += other.shown_s;
+    }
+}
+
+/// Figures of moving targets.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct MovingFigures {
+    /// Of people.
+    pub people: ShownTime,
+    /// Of pets, while no person is near.
+    pub pets: ShownTime,
     /// Targets at the range of the wearer's hands, where nobody else moves.
     pub hands: u64,
     /// Targets where nobody and nothing moves.
@@ -36,15 +57,10 @@ pub struct MovingFigures {
 impl MovingFigures {
     /// Adds another session's figures.
     pub fn add(&mut self, other: Self) {
-        self.near_s += other.near_s;
-        self.shown_s += other.shown_s;
+        self.people.add(other.people);
+        self.pets.add(other.pets);
         self.hands += other.hands;
         self.nothing += other.nothing;
-    }
-
-    /// Share of the time near in which a person was shown; NaN if nobody came near.
-    pub fn shown_share(&self) -> f64 {
-        self.shown_s / self.near_s
     }
 }
 
@@ -59,20 +75,20 @@ pub(super) struct MovingScorer {
 impl MovingScorer {
     /// Scores what is shown at one time.
     pub fn step(&mut self, session: &Session, time_s: f64, step_s: f64, scene: &Scene) {
-        let sensor = session.sensor_at(time_s);
-        let people_m = session.visitor_at(time_s);
-        let is_near = |part: &DVec3| part.distance(sensor.translation) <= NEAR_M && session.is_in_beam(&sensor, *part);
-        if people_m.iter().any(is_near) {
-            let is_shown = scene.moving.iter().any(|target| range_off_m(target, &people_m) <= RIGHT_M);
-            self.figures.near_s += step_s;
-            self.figures.shown_s += if is_shown { step_s } else { 0.0 };
+        let sensor_m = session.sensor_at(time_s).translation;
+        let is_near = |part: &DVec3| part.distance(sensor_m) <= NEAR_M && session.is_seen(time_s, *part);
+        let of_those_near =
+            [(session.visitor_at(time_s), &mut self.figures.people), (session.pet_at(time_s), &mut self.figures.pets)];
+        if let Some((parts_m, time)) = of_those_near.into_iter().find(|(parts_m, _)| parts_m.iter().any(is_near)) {
+            let is_shown = scene.moving.iter().any(|target| range_off_m(target, &parts_m) <= RIGHT_M);
+            time.add(ShownTime { near_s: step_s, shown_s: if is_shown { step_s } else { 0.0 } });
         }
         for target in &scene.moving {
             let was_there = |parts_m: &dyn Fn(f64) -> Vec<DVec3>| {
                 let times_s = (0..=(AFTER_S / STEP_S) as u32).map(|n| time_s - f64::from(n) * STEP_S);
                 times_s.into_iter().any(|time_s| range_off_m(target, &parts_m(time_s)) <= FALSE_M)
             };
-            if self.counted.contains(&target.id) || was_there(&|time_s| session.visitor_at(time_s)) {
+            if self.counted.contains(&target.id) || was_there(&|time_s| movers_at(session, time_s)) {
                 continue;
             }
             let is_hand = was_there(&|time_s| session.hands_at(time_s).map(|h| h.to_vec()).unwrap_or_default());
@@ -86,6 +102,11 @@ impl MovingScorer {
     pub fn end(self) -> MovingFigures {
         self.figures
     }
+}
+
+/// Positions of the parts of all who move but the wearer.
+pub fn movers_at(session: &Session, time_s: f64) -> Vec<DVec3> {
+    [session.visitor_at(time_s), session.pet_at(time_s)].concat()
 }
 
 /// Difference between a target's range and that of the nearest part of somebody, metres; infinite without any.
@@ -134,12 +155,13 @@ mod tests {
             scorer.end()
         };
         let right = figures(near_s, vec![target(1, &session, near_s, to_m(near_s).unwrap() + 0.2)]);
-        assert_eq!(right, MovingFigures { near_s: 0.2, shown_s: 0.2, hands: 0, nothing: 0 });
+        assert_eq!(right.people, ShownTime { near_s: 0.2, shown_s: 0.2 });
+        assert_eq!((right.pets, right.hands, right.nothing), (ShownTime::default(), 0, 0));
         let missed = figures(near_s, vec![]);
-        assert_eq!((missed.near_s, missed.shown_s), (0.2, 0.0));
+        assert_eq!(missed.people, ShownTime { near_s: 0.2, shown_s: 0.0 });
         let far = session.sensor_at(alone_s);
         let hand_m = session.hands_at(alone_s).unwrap()[0].distance(far.translation);
         let others = vec![target(1, &session, alone_s, 2.9), target(2, &session, alone_s, hand_m)];
-        assert_eq!(figures(alone_s, others), MovingFigures { near_s: 0.0, shown_s: 0.0, hands: 1, nothing: 1 });
+        assert_eq!(figures(alone_s, others), MovingFigures { hands: 1, nothing: 1, ..MovingFigures::default() });
     }
 }

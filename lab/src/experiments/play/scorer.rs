@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::DVec3;
 
 use super::figures::{Approach, BoundErrors, Cause, Detected, FalseReport, Figures, Rates, RemovalOutcome};
-use super::moving::MovingScorer;
+use super::moving::{MovingScorer, movers_at};
 use a121::frame_timing;
 use radar_mapping::{Model, Obstacle, Scene, ScoredCandidate, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
@@ -240,7 +240,7 @@ impl<'s> Scorer<'s> {
         }
         let hands = self.session.hands_at(time_s).map(|hands| hands.to_vec()).unwrap_or_default();
         self.hands.push_back((time_s, hands));
-        self.visitor.push_back((time_s, self.session.visitor_at(time_s)));
+        self.visitor.push_back((time_s, movers_at(self.session, time_s)));
         for trail in [&mut self.hands, &mut self.visitor] {
             while trail.pop_front_if(|(at_s, _)| time_s - *at_s > CAUSE_WINDOW_S).is_some() {}
         }
