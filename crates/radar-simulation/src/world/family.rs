@@ -148,6 +148,7 @@ fn office_items(draw: &mut Draw) -> Vec<Item> {
         item(desk(draw), Place::AtWall(0.03)),
         item(metal_shelf(draw), Place::AtWall(0.03)),
         item(office_lamp(draw), Place::Ring),
+        item(strip_light(draw), Place::Ring),
         item(coat_on_hanger(draw), Place::Ring),
         item(waiting_bench(draw), Place::AtWall(0.05)),
         item(pedestal(draw), Place::Ring),

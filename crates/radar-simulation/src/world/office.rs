@@ -70,6 +70,18 @@ pub(crate) fn swivel_chair(draw: &mut Draw) -> Furniture {
     Furniture::new("swivel chair", ObjectKind::SoftChair, chair)
 }
 
+/// A strip light over a place of work: a trough of sheet metal on two wires, at head height.
+pub(crate) fn strip_light(draw: &mut Draw) -> Furniture {
+    let (low_m, length_m) = (draw.uniform(1.5, 1.9), draw.uniform(0.9, 1.3));
+    let mut light = Assembly::default();
+    light.cuboid(v(0.0, low_m + 0.03, 0.0), v(length_m, 0.06, draw.uniform(0.06, 0.12)), METAL);
+    for x in [-0.42 * length_m, 0.42 * length_m] {
+        light.tube(v(x, low_m + 0.06, 0.0), v(x, 2.35, 0.0), 0.0015, METAL);
+        light.fitting(v(x, low_m + 0.07, 0.0), draw.uniform(-40.0, -33.0));
+    }
+    Furniture::new("strip light", ObjectKind::Hanging, light)
+}
+
 /// A folding chair of crossed steel tubes with sheet metal seat and back.
 pub(crate) fn folding_chair(draw: &mut Draw) -> Furniture {
     let (half_m, seat_m) = (draw.uniform(0.19, 0.21), draw.uniform(0.43, 0.46));
