@@ -7,8 +7,8 @@
 //! so each value that a person in a room may have begins a track; tracks that the ranges do not
 //! follow are dropped.
 //!
-//! A track is confirmed when most of the last sub-apertures had it and it has travelled at least
-//! [`MtiSettings::min_travel_m`]. Travel counts only the part of the range rate beyond that of
+//! A track is confirmed when most of the last sub-apertures had it, or fewer with strong echoes, and
+//! it has travelled at least [`MtiSettings::min_travel_m`]. Travel counts only the part of the range rate beyond that of
 //! everything at rest. Vibrating or swaying objects have travel of both signs, or turn back. A
 //! track is dropped when unseen for a while. Sub-apertures in which objects at rest may have the
 //! same range rate count neither for nor against a track.
@@ -42,7 +42,8 @@ pub struct MtiSettings {
     pub enabled: bool,
     /// Share of sub-apertures in which noise may make a moving echo.
     pub alarms_per_subaperture: f64,
-    /// A target is confirmed by this many of the last six sub-apertures that could have it.
+    /// A target is confirmed by this many echoes in the last six sub-apertures that could have it. A strong
+    /// echo counts as up to two, one near the threshold as 0.4.
     pub confirm_subapertures: usize,
     /// Radial travel of its own that confirms a target, metres.
     pub min_travel_m: f64,
@@ -64,8 +65,8 @@ impl Default for MtiSettings {
         Self {
             enabled: true,
             alarms_per_subaperture: 0.03,
-            confirm_subapertures: 4,
-            min_travel_m: 0.15,
+            confirm_subapertures: 3,
+            min_travel_m: 0.07,
             drop_after_s: 1.0,
         }
     }
@@ -247,24 +248,24 @@ impl MovingTargetTracker {
     /// goes to every other track that it fits. If it fits none at all and lies beyond the hands'
     /// reach, it begins a track.
     fn assign_echoes(&mut self, sensor: &Pose, now_ns: i64, movers: &MtiResult, reach_m: f64, passed_s: f64) {
-        let mut is_seen = vec![false; self.tracks.len()];
+        let mut seen_with_power = vec![None; self.tracks.len()];
         for echo in &movers.echoes {
-            let unseen = self.tracks.iter().zip(&is_seen).enumerate().filter(|(_, (_, is_seen))| !**is_seen);
+            let unseen = self.tracks.iter().zip(&seen_with_power).enumerate().filter(|(_, (_, power))| power.is_none());
             let fitting: Vec<(usize, bool, Association)> = unseen
                 .filter_map(|(n, (track, _))| Some((n, track.id.is_some(), track.associate(echo, movers, reach_m)?)))
                 .collect();
             let confirmed = fitting.iter().filter(|(_, is_confirmed, _)| *is_confirmed);
             let best = confirmed.min_by(|a, b| a.2.distance2.total_cmp(&b.2.distance2)).map(|(n, ..)| *n);
             for (n, _, fit) in fitting.iter().filter(|(n, ..)| best.is_none_or(|best| best == *n)) {
-                is_seen[*n] = true;
+                seen_with_power[*n] = Some(echo.power);
                 self.tracks[*n].update(sensor, now_ns, echo, movers, fit, passed_s);
             }
             if fitting.is_empty() && echo.range_m >= reach_m {
                 self.start_tracks(sensor, now_ns, echo, movers, passed_s);
             }
         }
-        for (track, is_seen) in self.tracks.iter_mut().zip(is_seen) {
-            track.record_hit(is_seen, movers);
+        for (track, power) in self.tracks.iter_mut().zip(seen_with_power) {
+            track.record_hit(power, movers);
         }
         let settings = self.settings;
         let far = |track: &MtiTrack| track.range_m >= reach_m;
@@ -393,10 +394,10 @@ mod tests {
 
     #[test]
     fn swaying_objects_hands_and_single_echoes_are_not_confirmed() {
-        // Once a second to and fro.
-        let sways = |t: f64| mti_result(&[(1.5, if t.fract() < 0.5 { 0.3 } else { -0.3 })], 2.8);
+        // Once a second to and fro, through 7.5 cm; and from one sub-aperture to the next.
+        let sways = |t: f64| mti_result(&[(1.5, if t.fract() < 0.5 { 0.15 } else { -0.15 })], 2.8);
         assert_eq!(targets_after_each(100, 0.9, sways).concat(), []);
-        let flutters = |t: f64| mti_result(&[(1.5, if (t * 100.0) as i64 % 2 == 0 { 0.3 } else { -0.3 })], 2.8);
+        let flutters = |t: f64| mti_result(&[(1.5, if (t * 100.0).round() as i64 % 2 == 0 { 0.3 } else { -0.3 })], 2.8);
         assert_eq!(targets_after_each(100, 0.9, flutters).concat(), []);
         let reaches = |t: f64| mti_result(&[(0.5 + 0.3 * (3.0 * t).sin(), 0.9 * (3.0 * t).cos())], 2.8);
         assert_eq!(targets_after_each(100, 0.9, reaches).concat(), []);
