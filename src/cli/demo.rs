@@ -364,10 +364,12 @@ fn figures(
     let found_m: Vec<DVec3> = scene.obstacles.iter().map(|o| o.position_m).collect();
     let path_m = sensor_path(mapper);
     let marks = Marks { truth_m: &truth_m, found_m: &found_m, path_m: &path_m };
-    let sections = cross_sections(&image, act.heading, quantity, &marks);
+    // A picture says what it shows wherever it ends up.
+    let title = format!("Simulation: {}", act.heading);
+    let sections = cross_sections(&image, &title, quantity, &marks);
     let share = if act.image == Image::Found { 0.0 } else { 0.3 };
-    let cloud = point_cloud(&image, act.heading, quantity, share, &marks);
-    let map = room_map(&RoomMap { title: act.heading, scene, truth: Some(truth), path_m: &path_m });
+    let cloud = point_cloud(&image, &title, quantity, share, &marks);
+    let map = room_map(&RoomMap { title: &title, scene, truth: Some(truth), path_m: &path_m });
     sections.write(&folder.join("cross_sections.png"))?;
     cloud.write(&folder.join("point_cloud.png"))?;
     map.write(&folder.join("map.png"))?;
