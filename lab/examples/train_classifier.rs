@@ -22,12 +22,14 @@ use radar_chaperone::settings::Settings;
 use radar_mapping::{FEATURES, Model};
 use radar_simulation::{Headset, PlaySession, PlayWorld, SensorEffects};
 
-/// Preset, minutes, whether the sensor has its measured imperfections, and headset.
-const SESSIONS: [(&str, f64, bool, Headset); 4] = [
-    ("d16", 3.0, true, Headset::Lighthouse),
-    ("d16", 2.0, true, Headset::InsideOut),
-    ("c16", 2.0, true, Headset::Lighthouse),
-    ("d16", 1.0, false, Headset::Nominal),
+/// Preset, minutes, whether the sensor has its measured imperfections, headset, and minimum log odds of a confirmed
+/// detection. What is confirmed is no longer an example: with one threshold a model would see few of the objects that
+/// the model in use already recognises, and be scored without them.
+const SESSIONS: [(&str, f64, bool, Headset, f64); 4] = [
+    ("d16", 3.0, true, Headset::Lighthouse, 1.7),
+    ("d16", 2.0, true, Headset::InsideOut, 3.0),
+    ("c16", 2.0, true, Headset::Lighthouse, 1.7),
+    ("d16", 2.0, true, Headset::Lighthouse, 4.0),
 ];
 const USAGE: &str = "usage: train_classifier play WORLD FIRST..END | train FILE.. [--without FEATURE].. | score FILE..";
 
@@ -55,7 +57,7 @@ fn main() -> Result<()> {
 
 fn played(world: PlayWorld, seeds: Range<u64>, command: &str) -> Result<TrainingSet> {
     let mut examples = TrainingSet::default();
-    for (n, (name, minutes, is_measured, headset)) in SESSIONS.into_iter().enumerate() {
+    for (n, (name, minutes, is_measured, headset, confirm_log_odds)) in SESSIONS.into_iter().enumerate() {
         let config = preset(name).with_context(|| format!("there is no preset {name}"))?;
         let effects = if is_measured { SensorEffects::MEASURED } else { SensorEffects::NONE };
         // The visitor is a person, not an object.
@@ -67,7 +69,9 @@ fn played(world: PlayWorld, seeds: Range<u64>, command: &str) -> Result<Training
             errors: headset.errors(),
             ..PlaySession::new(config, 0)
         };
-        let trial = PlayTrial { session, settings: Settings::default(), controllers: false };
+        let mut settings = Settings::default();
+        settings.rooms.tracks.confirm_log_odds = confirm_log_odds;
+        let trial = PlayTrial { session, settings, controllers: false };
         let seeds: Vec<u64> = seeds.clone().skip(n).step_by(SESSIONS.len()).collect();
         examples = examples.merged(TrainingSet::of(&trial, &seeds, command)?);
     }

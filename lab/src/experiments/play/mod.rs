@@ -5,8 +5,10 @@
 mod figures;
 pub mod moving;
 mod present;
+mod reports;
 mod run;
 mod scorer;
+mod target;
 
 pub use figures::{Approach, Cause, Detected, FalseReport, Figures, Rates, RemovalOutcome};
 pub use moving::MovingFigures;

@@ -5,7 +5,8 @@ use radar_mapping::{Event, in_time_order};
 use rayon::prelude::*;
 
 use super::figures::Figures;
-use super::scorer::{Scorer, ShownWarnings};
+use super::scorer::Scorer;
+use super::target::ShownWarnings;
 use a121::{Frame, frame_timing};
 use radar_chaperone::settings::Settings;
 use radar_chaperone::warning::{PanelKind, WarningTracker, Warnings, Wearer};
