@@ -55,7 +55,7 @@ fn links_between_documents_lead_to_files() {
 #[test]
 fn result_pages_were_made_in_full_from_a_commit() {
     let folder = Path::new(ROOT).join("docs/results");
-    for page in ["reflectors", "rooms", "experiments", "benchmark", "speed"] {
+    for page in ["play", "reflectors", "rooms", "experiments", "benchmark", "speed"] {
         let text = std::fs::read_to_string(folder.join(format!("{page}.md"))).unwrap();
         let made = text.split("\n\n").nth(1).unwrap_or_default().replace('\n', " ");
         let command = format!("Made by `cargo run --release -p lab -- results {page}` at commit ");
