@@ -12,6 +12,8 @@
 //! [not closed](VendorFileError::NotClosed). A file that was flushed holds everything up to then and
 //! is read as far as it goes: see [`Unfinished`].
 //!
+//! Longer than other files: it reads one layout, each function a part of it.
+//!
 //! Nothing in a file is trusted: each length is compared with the configuration, with the size of
 //! the file and with a limit before memory is taken.
 //!
