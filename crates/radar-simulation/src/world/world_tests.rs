@@ -88,15 +88,22 @@ fn same_seed_gives_the_same_world_and_echoes() {
 
 #[test]
 fn removed_object_takes_its_echoes_and_leaves_the_others() {
-    let world = World::new(Family::Office, 2);
-    let place = world.objects[world.removable].points_m[0];
-    let pose = Pose::looking_at(DVec3::Y * 1.6, place, DVec3::Y);
-    let paths = |removed: bool| {
-        EchoScene::of_world(&world, removed).paths(&[pose; 3], &MovingBodies::default(), &Beam::Lensless, 1e-4, 4.0)
-    };
-    let (with, without) = (paths(false), paths(true));
-    let kept = without.iter().filter(|path| with.contains(path)).count();
-    assert!(with.len() > without.len() && kept as f64 > 0.9 * without.len() as f64);
+    for seed in 0..8 {
+        let world = World::new(Family::Office, seed);
+        let place = world.objects[world.removable].points_m[0];
+        let pose = Pose::looking_at(DVec3::Y * 1.6, place, DVec3::Y);
+        let [before, after] = [false, true].map(|removed| EchoScene::of_world(&world, removed));
+        let nobody = MovingBodies::default();
+        let paths = |scene: &EchoScene| scene.paths(&[pose; 3], &nobody, &Beam::Lensless, 1e-4, 4.0);
+        let alone = before.alone(&world, world.removable);
+        let own = alone.direct_paths_seen(&alone.visibility(&pose, &Beam::Lensless, 1e-4, 4.0), &[pose; 3], &nobody);
+        let (with, without) = (paths(&before), paths(&after));
+        assert!(own.len() > 5 && own.iter().all(|path| with.contains(path)), "seed {seed}");
+        assert!(!own.iter().any(|path| without.contains(path)), "seed {seed}");
+        // The rest are those that it hid.
+        let kept = without.iter().filter(|path| with.contains(path)).count();
+        assert!(kept as f64 > 0.9 * without.len() as f64, "seed {seed}: {kept} of {}", without.len());
+    }
 }
 
 /// Cross-section of an object as a whole on the floor of its family, from an angle, m²: power of all its paths.
