@@ -1,13 +1,14 @@
 //! Accuracy of moving targets (people crossing a room) in play sessions.
 //!
 //!     cargo run --release -p lab --example moving -- [FIRST..END] [--seconds=20] [--preset=d16] \
-//!         [--world=points] [--headset=NAME] [--effects=none] [--controllers] [--no-visitor] [--no-hands] [--each] [rooms.moving.confirm_subapertures=4 …]
+//!         [--world=points] [--headset=NAME] [--effects=none] [--controllers] [--no-visitor] \
+//!         [--no-hands] [--each] [rooms.moving.confirm_subapertures=4 …]
 //!
 //! Each session is processed into sub-apertures and moving targets only, without the rest of the
 //! program: the sensor's leakage and ringing are not subtracted. Counted per sub-aperture: how often a
-//! person of whom a part is seen within 2.5 m is shown at the right range, in all sub-apertures and in those in which the body's
-//! range rate is impossible for an object at rest; the range error; the delay after entering the
-//! beam; and false targets per minute. Also the cost, CPU time of the thread.
+//! person of whom a part is seen within 2.5 m is shown at the right range, in all sub-apertures and in
+//! those in which the body's range rate is impossible for an object at rest; the range error; the delay
+//! after entering the beam; and false targets per minute. Also the cost, CPU time of the thread.
 
 use a121::{frame_timing, preset};
 use glam::DVec3;

@@ -22,14 +22,14 @@ use radar_chaperone::settings::Settings;
 use radar_mapping::{FEATURES, Model};
 use radar_simulation::{Headset, PlaySession, PlayWorld, SensorEffects};
 
-/// Preset, minutes, whether the sensor has its measured imperfections, headset, and minimum log odds of a confirmed
-/// detection. What is confirmed is no longer an example: with one threshold a model would see few of the objects that
-/// the model in use already recognises, and be scored without them.
-const SESSIONS: [(&str, f64, bool, Headset, f64); 4] = [
-    ("d16", 3.0, true, Headset::Lighthouse, 1.7),
-    ("d16", 2.0, true, Headset::InsideOut, 3.0),
-    ("c16", 2.0, true, Headset::Lighthouse, 1.7),
-    ("d16", 2.0, true, Headset::Lighthouse, 4.0),
+/// Preset, minutes, headset, and minimum log odds of a confirmed detection. What is confirmed is no longer an example:
+/// with one threshold a model would see few of the objects that the model in use already recognises, and be scored
+/// without them.
+const SESSIONS: [(&str, f64, Headset, f64); 4] = [
+    ("d16", 3.0, Headset::Lighthouse, 1.7),
+    ("d16", 2.0, Headset::InsideOut, 3.0),
+    ("c16", 2.0, Headset::Lighthouse, 1.7),
+    ("d16", 2.0, Headset::Lighthouse, 4.0),
 ];
 const USAGE: &str = "usage: train_classifier play WORLD FIRST..END | train FILE.. [--without FEATURE].. | score FILE..";
 
@@ -57,15 +57,14 @@ fn main() -> Result<()> {
 
 fn played(world: PlayWorld, seeds: Range<u64>, command: &str) -> Result<TrainingSet> {
     let mut examples = TrainingSet::default();
-    for (n, (name, minutes, is_measured, headset, confirm_log_odds)) in SESSIONS.into_iter().enumerate() {
+    for (n, (name, minutes, headset, confirm_log_odds)) in SESSIONS.into_iter().enumerate() {
         let config = preset(name).with_context(|| format!("there is no preset {name}"))?;
-        let effects = if is_measured { SensorEffects::MEASURED } else { SensorEffects::NONE };
         // The visitor is a person, not an object.
         let session = PlaySession {
             duration_s: 60.0 * minutes,
             visitor: false,
             world,
-            effects,
+            effects: SensorEffects::MEASURED,
             errors: headset.errors(),
             ..PlaySession::new(config, 0)
         };

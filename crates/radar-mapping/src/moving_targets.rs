@@ -8,8 +8,8 @@
 //! follow are dropped.
 //!
 //! A track is confirmed when most of the last sub-apertures had it, or fewer with strong echoes, and
-//! it has travelled at least [`MtiSettings::min_travel_m`]. Travel counts only the part of the range rate beyond that of
-//! everything at rest. Vibrating or swaying objects have travel of both signs, or turn back. A
+//! it has travelled at least [`MtiSettings::min_travel_m`]. Travel counts only the part of the range
+//! rate beyond that of everything at rest. Vibrating or swaying objects have travel of both signs, or turn back. A
 //! track is dropped when unseen for a while. Sub-apertures in which objects at rest may have the
 //! same range rate count neither for nor against a track.
 //!
@@ -42,8 +42,8 @@ pub struct MtiSettings {
     pub enabled: bool,
     /// Share of sub-apertures in which noise may make a moving echo.
     pub alarms_per_subaperture: f64,
-    /// A target is confirmed by this many echoes in the last six sub-apertures that could have it. A strong
-    /// echo counts as up to two, one near the threshold as 0.4.
+    /// A target is confirmed by this many echoes in the last six sub-apertures that could have it. A
+    /// strong echo counts as up to two, one near the threshold as half.
     pub confirm_subapertures: usize,
     /// Radial travel of its own that confirms a target, metres.
     pub min_travel_m: f64,
@@ -403,6 +403,20 @@ mod tests {
         assert_eq!(targets_after_each(100, 0.9, reaches).concat(), []);
         let once = |t: f64| mti_result(&if (t % 0.9) < 0.09 { vec![(1.7, 0.6)] } else { vec![] }, 2.8);
         assert_eq!(targets_after_each(100, 0.9, once).concat(), []);
+    }
+
+    #[test]
+    fn strong_echoes_confirm_sooner_than_weak_ones() {
+        let first_shown = |power: f64| {
+            let comes = |t: f64| {
+                let mut movers = mti_result(&[(2.3 - t, -1.0)], 2.8);
+                movers.echoes[0].power = power;
+                movers
+            };
+            targets_after_each(8, 0.9, comes).iter().position(|moving| !moving.is_empty())
+        };
+        // Counted from the first echo: two that count double, three that count once, six near the threshold.
+        assert_eq!([200.0, 26.0, 14.0].map(first_shown), [Some(1), Some(2), Some(5)]);
     }
 
     #[test]

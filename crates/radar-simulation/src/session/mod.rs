@@ -172,11 +172,6 @@ impl PlaySession {
 }
 
 /// A cat on its walk.
-/// The joints in the middle of the three postures; none without anybody.
-fn joints_m(postures: Option<[Posture; 3]>) -> Vec<DVec3> {
-    postures.map(|[_, middle, _]| middle.joints_m).unwrap_or_default()
-}
-
 fn cat(walk: &Walk) -> Posture {
     walking_cat(walk.at_m, walk.facing, walk.stride_phase_rad)
 }
@@ -283,18 +278,19 @@ impl Session {
 
     /// Positions of the parts of the visitor; empty while there is none.
     pub fn visitor_at(&self, time_s: f64) -> Vec<DVec3> {
+        let Some(visitor) = &self.visitor else { return Vec::new() };
         let parts_m = if self.physical.is_some() {
-            joints_m(self.movers([time_s; 3]).visitor)
+            visitor.walk_at(time_s).map_or_else(Vec::new, |walk| walking_person(&walk).joints_m)
         } else {
-            let visitor = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
-            visitor.into_iter().flatten().map(|part| part.position_m).collect()
+            visitor.scatterers_at(time_s).into_iter().map(|part| part.position_m).collect()
         };
         self.in_tracking_frame(parts_m)
     }
 
     /// Positions of the parts of the pet; empty while there is none, as always in a room of point scatterers.
     pub fn pet_at(&self, time_s: f64) -> Vec<DVec3> {
-        self.in_tracking_frame(joints_m(self.movers([time_s; 3]).pet))
+        let walk = self.pet.as_ref().and_then(|pet| pet.walk_at(time_s));
+        self.in_tracking_frame(walk.map_or_else(Vec::new, |walk| cat(&walk).joints_m))
     }
 
     fn in_tracking_frame(&self, points_m: Vec<DVec3>) -> Vec<DVec3> {

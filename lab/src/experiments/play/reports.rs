@@ -6,14 +6,11 @@ use glam::DVec3;
 
 use super::figures::{Cause, FalseReport, Figures, Rates};
 use super::moving::movers_at;
-use super::target::{APPROACH_END_M, Target, body_distance_m};
+use super::target::{APPROACH_END_M, FALSE_REPORT_M, Target, body_distance_m};
 use radar_mapping::{Scene, Wall};
 use radar_sar::geometry::Pose;
 use radar_simulation::{Session, SessionWall};
 
-/// A report farther than this from everything is false, metres. Choice: the radius within which a
-/// warning is where the object is; as in the study that chose the method.
-pub(super) const FALSE_REPORT_M: f64 = 0.25;
 /// Distance from a person's parts within which a report is of the person, metres. Choice: the parts
 /// are points inside a body and its clothes.
 const PERSON_RADIUS_M: f64 = 0.4;

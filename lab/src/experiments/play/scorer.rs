@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use super::figures::{Figures, RemovalOutcome};
 use super::moving::MovingScorer;
-use super::reports::{FALSE_REPORT_M, ReportScorer};
-use super::target::{DETECTED_S, PastDetection, ShownWarnings, Target, TargetGeometry};
+use super::reports::ReportScorer;
+use super::target::{DETECTED_S, FALSE_REPORT_M, PastDetection, ShownWarnings, Target, TargetGeometry};
 use radar_mapping::{Model, Scene, ScoredCandidate};
 use radar_sar::geometry::Pose;
 use radar_sar::math;

@@ -12,7 +12,6 @@ use std::collections::VecDeque;
 use glam::DVec3;
 
 use super::figures::{Approach, BoundErrors, Detected, Rates};
-use super::reports::FALSE_REPORT_M;
 use a121::frame_timing;
 use radar_mapping::{Obstacle, Scene};
 use radar_sar::geometry::{Aabb, Plane, Pose};
@@ -29,6 +28,9 @@ const MIN_CLOSING_M_PER_S: f64 = 0.3;
 /// Distance beyond which an approach is over, metres. Choice: 20 cm beyond its start, so that a
 /// sway at 1 m does not count as many approaches.
 pub(super) const APPROACH_END_M: f64 = 1.2;
+/// A report farther than this from everything is false, metres. Choice: the radius within which a
+/// warning is where the object is; as in the study that chose the method.
+pub(super) const FALSE_REPORT_M: f64 = 0.25;
 /// Power SNR of one sub-aperture from which on a scatterer counts as visible, dB, and the length of
 /// a sub-aperture, seconds. Choice: noise reaches 10 dB once in 20 000 times; the mapper's length.
 const MIN_VISIBLE_SNR_DB: f64 = 10.0;
@@ -87,6 +89,7 @@ pub(super) struct Target<'s> {
     approach: Option<OpenApproach>,
 }
 
+/// What a target is.
 pub(super) enum TargetGeometry<'s> {
     /// An object of the session, by its index, with its parts.
     Object(usize, &'s [Scatterer]),
@@ -109,6 +112,7 @@ struct OpenApproach {
 }
 
 impl<'s> Target<'s> {
+    /// Not approached yet; `name` is its kind.
     pub fn new(geometry: TargetGeometry<'s>, name: &str, until_s: f64) -> Self {
         Self {
             geometry,
@@ -198,6 +202,7 @@ impl<'s> Target<'s> {
         }
     }
 
+    /// Takes one step; returns an approach that is over.
     pub fn step(
         &mut self,
         session: &Session,
@@ -251,6 +256,7 @@ impl<'s> Target<'s> {
         if self.distance_m > APPROACH_END_M { self.end() } else { None }
     }
 
+    /// Ends the approach in progress.
     pub fn end(&mut self) -> Option<Approach> {
         self.approach.take().map(|open| open.nearest)
     }
