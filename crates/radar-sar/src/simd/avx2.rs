@@ -64,6 +64,12 @@ impl Lanes for Avx2 {
         let both = [value; 2];
         apply!(_mm256_set1_ps, both)
     }
+    #[cfg(feature = "rolling")]
+    #[inline(always)]
+    fn splat_two(self, first: f32, last: f32) -> Self::F {
+        let both = [first, last];
+        apply!(_mm256_set1_ps, both)
+    }
     #[inline(always)]
     fn load(self, values: &[f32; LANES]) -> Self::F {
         let at = values.as_ptr();

@@ -70,6 +70,14 @@ impl Lanes for Avx512 {
     fn splat(self, value: f32) -> Self::F {
         avx512!(_mm512_set1_ps(value))
     }
+    #[cfg(feature = "rolling")]
+    #[inline(always)]
+    fn splat_two(self, first: f32, last: f32) -> Self::F {
+        avx512!({
+            let first = _mm512_castps_pd(_mm512_set1_ps(first));
+            _mm512_castpd_ps(_mm512_insertf64x4::<1>(first, _mm256_castps_pd(_mm256_set1_ps(last))))
+        })
+    }
     #[inline(always)]
     fn load(self, values: &[f32; LANES]) -> Self::F {
         // SAFETY: as above; sixteen values are read from a reference to sixteen.

@@ -21,6 +21,9 @@ pub(crate) trait Lanes: Copy {
     type M: Copy;
 
     fn splat(self, value: f32) -> Self::F;
+    /// One value in the first eight lanes, another in the last.
+    #[cfg(feature = "rolling")]
+    fn splat_two(self, first: f32, last: f32) -> Self::F;
     fn load(self, values: &[f32; LANES]) -> Self::F;
     fn store(self, values: Self::F) -> [f32; LANES];
     fn add(self, a: Self::F, b: Self::F) -> Self::F;
@@ -229,6 +232,8 @@ mod tests {
             for values in ints {
                 found.push(s.store_int(values));
             }
+            #[cfg(feature = "rolling")]
+            found.push(s.store_int(s.bits_of(s.splat_two(1.5, -2.5))));
             found
         }
     }

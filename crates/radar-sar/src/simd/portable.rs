@@ -69,6 +69,11 @@ impl Lanes for Portable {
     fn splat(self, value: f32) -> Self::F {
         [value; LANES]
     }
+    #[cfg(feature = "rolling")]
+    #[inline(always)]
+    fn splat_two(self, first: f32, last: f32) -> Self::F {
+        from_fn(|l| if l < LANES / 2 { first } else { last })
+    }
     #[inline(always)]
     fn load(self, values: &[f32; LANES]) -> Self::F {
         *values

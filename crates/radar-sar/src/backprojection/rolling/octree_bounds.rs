@@ -224,24 +224,18 @@ impl Kernel for RollCubes<'_> {
     }
 }
 
-/// One value in the first eight lanes, another in the last.
-#[inline(always)]
-fn each_half<S: Lanes>(s: S, first: f32, last: f32) -> S::F {
-    s.add(s.or_zero(s.mask(0x00ff), s.splat(first)), s.or_zero(s.mask(0xff00), s.splat(last)))
-}
-
 /// The cubes of two octets, or those of one twice.
 #[inline(always)]
 fn two_octets<S: Lanes>(s: S, two: &[Bounds]) -> BoxLanes<S> {
     let (a, b) = (&two[0], &two[two.len() - 1]);
-    let apart = each_half(s, a.apart_m, b.apart_m);
+    let apart = s.splat_two(a.apart_m, b.apart_m);
     let (x, y, z) = (&SIDES[0], &SIDES[1], &SIDES[2]);
     let center = [
-        s.mul_add(apart, s.load(x), each_half(s, a.center_m[0], b.center_m[0])),
-        s.mul_add(apart, s.load(y), each_half(s, a.center_m[1], b.center_m[1])),
-        s.mul_add(apart, s.load(z), each_half(s, a.center_m[2], b.center_m[2])),
+        s.mul_add(apart, s.load(x), s.splat_two(a.center_m[0], b.center_m[0])),
+        s.mul_add(apart, s.load(y), s.splat_two(a.center_m[1], b.center_m[1])),
+        s.mul_add(apart, s.load(z), s.splat_two(a.center_m[2], b.center_m[2])),
     ];
-    let half = each_half(s, a.half_m, b.half_m);
+    let half = s.splat_two(a.half_m, b.half_m);
     // Slightly more than √3.
     BoxLanes { center, half: [half; 3], radius: s.mul(half, s.splat(1.732_051)) }
 }
