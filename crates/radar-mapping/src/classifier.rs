@@ -92,6 +92,8 @@ pub struct ScoredCandidate {
     pub position_m: DVec3,
     /// Values of [`FEATURES`].
     pub features: [f64; FEATURES.len()],
+    /// Log odds that it is a real object, by these features and by what was detected there before.
+    pub log_odds: f64,
     /// It is not a known object seen again, and everything else allows it to be a new one.
     pub may_be_new: bool,
 }

@@ -13,6 +13,7 @@ mod config;
 mod imaging;
 mod intake;
 mod objects;
+mod recurrence;
 mod refinement;
 mod screening;
 mod shapes;
@@ -40,6 +41,7 @@ use radar_sar::subaperture::{
     FineCounters, FineField, FineSettings, Peak, PlanePeak, Subaperture, SubapertureSettings,
 };
 use radar_sar::{Beam, Observation};
+use recurrence::Recurrences;
 use refinement::Refinement;
 use screening::{CandidateLog, Screening};
 use walls::{Facing, WallMap};
@@ -136,6 +138,7 @@ pub struct RoomMapper {
     /// Tracker of moving targets.
     mti: MovingTargetTracker,
     candidates: CandidateLog,
+    recurrences: Recurrences,
     /// The next stage of the work of the last sub-aperture.
     pending: Option<Stage>,
     updates: Updates,
@@ -193,6 +196,7 @@ impl RoomMapper {
             hands: HandTrail::default(),
             mti: MovingTargetTracker::new(config.settings.moving, &config.beam),
             candidates: CandidateLog::default(),
+            recurrences: Recurrences::default(),
             pending: None,
             updates: Updates::default(),
             work_done: WorkDone::default(),
@@ -411,12 +415,17 @@ impl RoomMapper {
         let removed = self.objects.update_existence(&ids, &likelihoods, &self.window, &tracks.existence);
         self.work_done.forgotten += removed.count;
         let now_ns = self.window.now_ns();
-        removed.positions_m.iter().for_each(|at| self.window.history.mark_removed(*at, now_ns));
+        for at in removed.positions_m {
+            self.window.history.mark_removed(at, now_ns);
+            self.recurrences.forget(at, objects::LATERAL_M);
+        }
         let screening = self.screening();
         let (known_there, new_there) = (screening.known_detections(&known), screening.new_detections(&new));
         let (points, scored): (Vec<_>, Vec<_>) = known_there.into_iter().chain(new_there).unzip();
         (self.updates.last.places, self.updates.last.planes) = (new.places, new.planes.clone());
         let walls = [known.planes, new.planes].concat();
+        let may_be_new = points.iter().zip(&scored).filter(|(_, scored)| scored.may_be_new);
+        self.recurrences.record(may_be_new.map(|(point, _)| point), now_ns);
         self.candidates.record(scored);
         self.updates.last.wall_hits = self.walls.update(&walls, tracks, self.window.middle());
         self.updates.last.point_hits = self.objects.update(&points, tracks);
@@ -426,9 +435,9 @@ impl RoomMapper {
     }
 
     fn screening(&self) -> Screening<'_> {
-        let Self { config, window, hands, objects, walls, candidates, .. } = self;
+        let Self { config, window, hands, objects, walls, candidates, recurrences, .. } = self;
         let background_known_since_ns = self.background.known_since_ns();
-        Screening { config, window, hands, objects, walls, candidates, background_known_since_ns }
+        Screening { config, window, hands, objects, walls, candidates, recurrences, background_known_since_ns }
     }
 
     /// Ends the update: refines the positions.

@@ -23,6 +23,9 @@ pub struct TrackSettings {
     pub confirm_wall_observations: usize,
     /// Least log odds of a hit, from the classifier, which was learned from simulated play.
     pub confirm_log_odds: f64,
+    /// Added to a detection's log odds for each earlier window in which something was detected at the same
+    /// place, at most twice.
+    pub recurrence_log_odds: f64,
     /// A detection that was never seen from beyond this distance may be the wearer's own hand,
     /// elbow or knee, metres. It is not confirmed before it has been seen at rest, as
     /// what hangs before the face is. This holds for tracked hands too.
@@ -39,6 +42,7 @@ impl BoundedSettings for TrackSettings {
         confirm_observations: 1.0, RECENT_UPDATES as f64;
         confirm_wall_observations: 1.0, RECENT_UPDATES as f64;
         confirm_log_odds: -100.0, 100.0;
+        recurrence_log_odds: 0.0, 100.0;
         hands_reach_m: 0.0, 10.0;
         match_m: 0.01, 1.0;
     ];
@@ -52,6 +56,7 @@ impl Default for TrackSettings {
             confirm_observations: 1,
             confirm_wall_observations: 3,
             confirm_log_odds: 1.7,
+            recurrence_log_odds: 1.5,
             hands_reach_m: 0.9,
             match_m: 0.15,
             existence,

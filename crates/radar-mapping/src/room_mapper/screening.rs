@@ -10,6 +10,7 @@ use super::super::responses::{Response, information, sigma_m};
 use super::super::{Detection, Detections, HandTrail, Track, same_point};
 use super::config::RoomConfig;
 use super::objects::{ObjectMap, with_subaperture};
+use super::recurrence::Recurrences;
 use super::walls::WallMap;
 use super::window::Window;
 use radar_sar::math;
@@ -52,6 +53,7 @@ pub(super) struct Screening<'a> {
     pub objects: &'a ObjectMap,
     pub walls: &'a WallMap,
     pub candidates: &'a CandidateLog,
+    pub recurrences: &'a Recurrences,
     /// Time from which on the sensor's own signal is known and subtracted, host nanoseconds; `None`: not yet.
     pub background_known_since_ns: Option<i64>,
 }
@@ -123,11 +125,18 @@ impl Screening<'_> {
         let features = features(detection, &self.surroundings(detection.estimate, history));
         let at_surface =
             self.walls.confirmed().any(|wall| wall.estimate.distance(detection.estimate).abs() < AT_SURFACE_M);
-        let log_odds = raise_if_certain(log_odds(&features), detection, at_surface);
+        let recurrence =
+            f64::from(self.recurrences.earlier_windows(detection)) * self.config.settings.tracks.recurrence_log_odds;
+        let log_odds = raise_if_certain(log_odds(&features) + recurrence, detection, at_surface);
         let detection = Detection { log_odds, ..*detection };
         (
             detection,
-            ScoredCandidate { position_m: detection.estimate, features, may_be_new: self.may_be_new(&detection) },
+            ScoredCandidate {
+                position_m: detection.estimate,
+                features,
+                log_odds,
+                may_be_new: self.may_be_new(&detection),
+            },
         )
     }
 

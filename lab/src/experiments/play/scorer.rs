@@ -8,7 +8,7 @@ use super::figures::{Figures, RemovalOutcome};
 use super::moving::MovingScorer;
 use super::reports::ReportScorer;
 use super::target::{DETECTED_S, FALSE_REPORT_M, PastDetection, ShownWarnings, Target, TargetGeometry};
-use radar_mapping::{Model, Scene, ScoredCandidate};
+use radar_mapping::{Scene, ScoredCandidate};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_simulation::Session;
@@ -63,7 +63,7 @@ impl<'s> Scorer<'s> {
             position_m: candidate.position_m,
             score: math::exp(candidate.features[0]),
             may_be_new: candidate.may_be_new,
-            log_odds: Model::embedded().log_odds(&candidate.features),
+            log_odds: candidate.log_odds,
         }));
         // An open approach may have had its deadline some time ago.
         while self.detections.pop_front_if(|past| time_s - past.time_s > 3.0 * DETECTED_S).is_some() {}
