@@ -4,20 +4,23 @@
 //! needs the path of that window: parts of several objects that fit, or the wrong side of a range circle.
 //! From another path it is elsewhere, or nowhere. An object is where it was. Each earlier window without
 //! a sub-aperture in common with the present one therefore adds to the log odds.
+//!
+//! An object that was certain and was removed counts as two such windows for what is detected there afterwards.
+//! Furniture is seldom carried away; a part that shows no echo from some directions is common.
 
 use glam::DVec3;
 
 use crate::Detection;
 
-/// Detections this near to each other are of the same place, metres. Measured (`lab play`, simulated
-/// dining rooms and offices, 10 minutes each): of the artefacts, one in 25 came back within 10 cm, of the
-/// parts of objects one in three; within 20 cm one in six and one in two.
+/// Detections this near to each other are of the same place, metres. Measured on the candidates of play sessions (two
+/// simulated dining rooms and two offices, 10 minutes each): within 10 cm, one artefact in 20 came back in a second window,
+/// of the parts of objects one in three; within 20 cm, one in five and two in three.
 const SAME_PLACE_M: f64 = 0.10;
 /// A place is forgotten when nothing was detected there for this long, nanoseconds. Choice: a player looks
 /// at every side of a room within five minutes; what comes back later may be another coincidence.
 const MEMORY_NS: i64 = 300_000_000_000;
-/// Most earlier windows that count. Measured as above: after two, 40 parts of objects came back for each
-/// artefact, and hardly an artefact is left of which more could be said.
+/// Most earlier windows that count. Measured as above: 5 artefacts and 264 parts of objects came back twice; too few
+/// artefacts are left to say more of a third time.
 const MOST_COUNTED: u32 = 2;
 /// Most places in memory; the one of longest ago is dropped. Choice: rooms of ten minutes have a thousand.
 const MAX_PLACES: usize = 4096;
@@ -32,6 +35,8 @@ struct Place {
     windows: u32,
     /// The last update that detected something there, host nanoseconds.
     last_ns: i64,
+    /// When an object was removed there.
+    removed_ns: Option<i64>,
 }
 
 /// The places of the last minutes.
@@ -46,6 +51,9 @@ impl Recurrences {
     pub fn earlier_windows(&self, detection: &Detection<DVec3>) -> u32 {
         let Some(at) = self.nearest(detection.estimate) else { return 0 };
         let place = &self.places[at];
+        if place.removed_ns.is_some_and(|removed_ns| detection.first_ns <= removed_ns) {
+            return 0;
+        }
         let includes_this = u32::from(detection.first_ns <= place.last_ns);
         (place.windows - includes_this).min(MOST_COUNTED)
     }
@@ -55,7 +63,13 @@ impl Recurrences {
         self.places.retain(|place| now_ns.saturating_sub(place.last_ns) <= MEMORY_NS);
         for Detection { estimate, first_ns, log_odds, .. } in detections {
             let Some(at) = self.nearest(*estimate) else {
-                self.add(Place { position_m: *estimate, log_odds: *log_odds, windows: 1, last_ns: now_ns });
+                self.add(Place {
+                    position_m: *estimate,
+                    log_odds: *log_odds,
+                    windows: 1,
+                    last_ns: now_ns,
+                    removed_ns: None,
+                });
                 continue;
             };
             let place = &mut self.places[at];
@@ -67,9 +81,15 @@ impl Recurrences {
         }
     }
 
-    /// Forgets what was detected within a distance of where an object was removed.
-    pub fn forget(&mut self, removed_m: DVec3, within_m: f64) {
-        self.places.retain(|place| place.position_m.distance(removed_m) > within_m);
+    /// Forgets what was detected where an object was removed.
+    pub fn forget(&mut self, removed_m: DVec3) {
+        self.places.retain(|place| place.position_m.distance(removed_m) > SAME_PLACE_M);
+    }
+
+    /// Takes note that an object that had been certain was removed.
+    pub fn add_removed(&mut self, removed_m: DVec3, now_ns: i64) {
+        let windows = MOST_COUNTED;
+        self.add(Place { position_m: removed_m, log_odds: 0.0, windows, last_ns: now_ns, removed_ns: Some(now_ns) });
     }
 
     fn add(&mut self, place: Place) {
@@ -151,9 +171,18 @@ mod tests {
     #[test]
     fn what_was_where_an_object_was_removed_is_forgotten() {
         let mut recurrences = recorded(&[(PLACE, 10), (PLACE + DVec3::Y, 10)]);
-        recurrences.forget(PLACE + DVec3::X * 0.1, 0.3);
+        recurrences.forget(PLACE + DVec3::X * 0.05);
         assert_eq!(earlier(&recurrences, 20), 0);
         assert_eq!(recurrences.places.len(), 1);
+    }
+
+    #[test]
+    fn removed_object_is_expected_back_by_windows_after_its_removal() {
+        let mut recurrences = Recurrences::default();
+        recurrences.add_removed(PLACE, 10 * SECOND_NS);
+        assert_eq!([10, 13, 14, 60].map(|now_s| earlier(&recurrences, now_s)), [0, 0, 2, 2]);
+        recurrences.record([detection(PLACE, 12)].iter(), 12 * SECOND_NS);
+        assert_eq!([13, 14, 16].map(|now_s| earlier(&recurrences, now_s)), [0, 1, 2]);
     }
 
     #[test]
