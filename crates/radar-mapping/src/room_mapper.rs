@@ -415,11 +415,10 @@ impl RoomMapper {
         let removed = self.objects.update_existence(&ids, &likelihoods, &self.window, &tracks.existence);
         self.work_done.forgotten += removed.count;
         let now_ns = self.window.now_ns();
-        for at in &removed.positions_m {
-            self.window.history.mark_removed(*at, now_ns);
-            self.recurrences.forget(*at);
+        for at in removed.positions_m {
+            self.window.history.mark_removed(at, now_ns);
+            self.recurrences.forget(at, objects::LATERAL_M);
         }
-        removed.certain_m.iter().for_each(|at| self.recurrences.add_removed(*at, now_ns));
         let screening = self.screening();
         let (known_there, new_there) = (screening.known_detections(&known), screening.new_detections(&new));
         let (points, scored): (Vec<_>, Vec<_>) = known_there.into_iter().chain(new_there).unzip();

@@ -42,8 +42,6 @@ pub(super) struct Removed {
     pub count: u64,
     /// Where they were.
     pub positions_m: Vec<DVec3>,
-    /// Where those were that had been certain.
-    pub certain_m: Vec<DVec3>,
 }
 
 /// Point tracks and what is known of each.
@@ -103,14 +101,13 @@ impl ObjectMap {
             }
         }
         let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
-        let mut removed = Removed { count: gone.len() as u64, positions_m: Vec::new(), certain_m: Vec::new() };
+        let mut removed = Removed { count: gone.len() as u64, positions_m: Vec::new() };
         let now_ns = window.now_ns();
         for known in self.tracks.confirmed().filter(|known| gone.contains(&known.id)) {
             removed.positions_m.push(known.estimate);
             if !self.existences.get(&known.id).is_some_and(Existence::reached_max_log_odds) {
                 continue;
             }
-            removed.certain_m.push(known.estimate);
             let is_beside = |other: &&Track<DVec3>| (other.estimate - known.estimate).with_y(0.0).length() <= LATERAL_M;
             for other in self.tracks.confirmed().filter(is_beside) {
                 if let Some(existence) = self.existences.get_mut(&other.id) {

@@ -4,9 +4,6 @@
 //! needs the path of that window: parts of several objects that fit, or the wrong side of a range circle.
 //! From another path it is elsewhere, or nowhere. An object is where it was. Each earlier window without
 //! a sub-aperture in common with the present one therefore adds to the log odds.
-//!
-//! An object that was certain and was removed counts as two such windows for what is detected there afterwards.
-//! Furniture is seldom carried away; a part that shows no echo from some directions is common.
 
 use glam::DVec3;
 
@@ -35,8 +32,6 @@ struct Place {
     windows: u32,
     /// The last update that detected something there, host nanoseconds.
     last_ns: i64,
-    /// When an object was removed there.
-    removed_ns: Option<i64>,
 }
 
 /// The places of the last minutes.
@@ -51,9 +46,6 @@ impl Recurrences {
     pub fn earlier_windows(&self, detection: &Detection<DVec3>) -> u32 {
         let Some(at) = self.nearest(detection.estimate) else { return 0 };
         let place = &self.places[at];
-        if place.removed_ns.is_some_and(|removed_ns| detection.first_ns <= removed_ns) {
-            return 0;
-        }
         let includes_this = u32::from(detection.first_ns <= place.last_ns);
         (place.windows - includes_this).min(MOST_COUNTED)
     }
@@ -63,13 +55,7 @@ impl Recurrences {
         self.places.retain(|place| now_ns.saturating_sub(place.last_ns) <= MEMORY_NS);
         for Detection { estimate, first_ns, log_odds, .. } in detections {
             let Some(at) = self.nearest(*estimate) else {
-                self.add(Place {
-                    position_m: *estimate,
-                    log_odds: *log_odds,
-                    windows: 1,
-                    last_ns: now_ns,
-                    removed_ns: None,
-                });
+                self.add(Place { position_m: *estimate, log_odds: *log_odds, windows: 1, last_ns: now_ns });
                 continue;
             };
             let place = &mut self.places[at];
@@ -81,15 +67,9 @@ impl Recurrences {
         }
     }
 
-    /// Forgets what was detected where an object was removed.
-    pub fn forget(&mut self, removed_m: DVec3) {
-        self.places.retain(|place| place.position_m.distance(removed_m) > SAME_PLACE_M);
-    }
-
-    /// Takes note that an object that had been certain was removed.
-    pub fn add_removed(&mut self, removed_m: DVec3, now_ns: i64) {
-        let windows = MOST_COUNTED;
-        self.add(Place { position_m: removed_m, log_odds: 0.0, windows, last_ns: now_ns, removed_ns: Some(now_ns) });
+    /// Forgets what was detected within a distance of where an object was removed.
+    pub fn forget(&mut self, removed_m: DVec3, within_m: f64) {
+        self.places.retain(|place| place.position_m.distance(removed_m) > within_m);
     }
 
     fn add(&mut self, place: Place) {
@@ -171,18 +151,9 @@ mod tests {
     #[test]
     fn what_was_where_an_object_was_removed_is_forgotten() {
         let mut recurrences = recorded(&[(PLACE, 10), (PLACE + DVec3::Y, 10)]);
-        recurrences.forget(PLACE + DVec3::X * 0.05);
+        recurrences.forget(PLACE + DVec3::X * 0.1, 0.3);
         assert_eq!(earlier(&recurrences, 20), 0);
         assert_eq!(recurrences.places.len(), 1);
-    }
-
-    #[test]
-    fn removed_object_is_expected_back_by_windows_after_its_removal() {
-        let mut recurrences = Recurrences::default();
-        recurrences.add_removed(PLACE, 10 * SECOND_NS);
-        assert_eq!([10, 13, 14, 60].map(|now_s| earlier(&recurrences, now_s)), [0, 0, 2, 2]);
-        recurrences.record([detection(PLACE, 12)].iter(), 12 * SECOND_NS);
-        assert_eq!([13, 14, 16].map(|now_s| earlier(&recurrences, now_s)), [0, 1, 2]);
     }
 
     #[test]
