@@ -1,4 +1,4 @@
-//! Places where something was detected again and again, and was never certain enough to be reported.
+//! Places where something was detected that may be a new object, and in how many separate windows.
 //!
 //! The classifier judges a detection by one window of some seconds and what lies around it. An artefact
 //! needs the path of that window: parts of several objects that fit, or the wrong side of a range circle.
@@ -44,7 +44,7 @@ impl Recurrences {
     /// Number of earlier windows in which something was detected where this detection is, at most two.
     /// None of them shares a sub-aperture with the detection.
     pub fn earlier_windows(&self, detection: &Detection<DVec3>) -> u32 {
-        let Some(at) = self.nearest(detection.estimate) else { return 0 };
+        let Some(at) = self.same_place(detection) else { return 0 };
         let place = &self.places[at];
         let includes_this = u32::from(detection.first_ns <= place.last_ns);
         (place.windows - includes_this).min(MOST_COUNTED)
@@ -53,16 +53,17 @@ impl Recurrences {
     /// Takes an update's detections that may be new objects.
     pub fn record<'d>(&mut self, detections: impl Iterator<Item = &'d Detection<DVec3>>, now_ns: i64) {
         self.places.retain(|place| now_ns.saturating_sub(place.last_ns) <= MEMORY_NS);
-        for Detection { estimate, first_ns, log_odds, .. } in detections {
-            let Some(at) = self.nearest(*estimate) else {
-                self.add(Place { position_m: *estimate, log_odds: *log_odds, windows: 1, last_ns: now_ns });
+        for detection in detections {
+            let Detection { estimate: position_m, first_ns, log_odds, .. } = *detection;
+            let Some(at) = self.same_place(detection) else {
+                self.add(Place { position_m, log_odds, windows: 1, last_ns: now_ns });
                 continue;
             };
             let place = &mut self.places[at];
-            place.windows += u32::from(*first_ns > place.last_ns);
+            place.windows += u32::from(first_ns > place.last_ns);
             place.last_ns = now_ns;
-            if *log_odds > place.log_odds {
-                (place.position_m, place.log_odds) = (*estimate, *log_odds);
+            if log_odds > place.log_odds {
+                (place.position_m, place.log_odds) = (position_m, log_odds);
             }
         }
     }
@@ -74,16 +75,19 @@ impl Recurrences {
 
     fn add(&mut self, place: Place) {
         if self.places.len() >= MAX_PLACES {
-            let oldest = (0..self.places.len()).min_by_key(|at| self.places[*at].last_ns);
-            oldest.map(|at| self.places.remove(at));
+            self.places.sort_by_key(|place| place.last_ns);
+            self.places.remove(0);
         }
         self.places.push(place);
     }
 
-    /// The nearest place that is the same as a point, if there is one.
-    fn nearest(&self, point: DVec3) -> Option<usize> {
-        let distance_m = |at: &usize| self.places[*at].position_m.distance(point);
-        let same = (0..self.places.len()).filter(|at| distance_m(at) <= SAME_PLACE_M);
+    /// The nearest place that is a detection's, if one is remembered.
+    fn same_place(&self, detection: &Detection<DVec3>) -> Option<usize> {
+        let distance_m = |at: &usize| self.places[*at].position_m.distance(detection.estimate);
+        let is_same = |at: &usize| {
+            distance_m(at) <= SAME_PLACE_M && detection.last_ns.saturating_sub(self.places[*at].last_ns) <= MEMORY_NS
+        };
+        let same = (0..self.places.len()).filter(is_same);
         same.min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)))
     }
 }
@@ -144,8 +148,10 @@ mod tests {
         let beside = PLACE + DVec3::X * 1.1 * SAME_PLACE_M;
         assert_eq!(earlier(&recorded(&[(beside, 10)]), 20), 0);
         let forgotten_s = 10 + MEMORY_NS / SECOND_NS + 1;
-        let recurrences = recorded(&[(PLACE, 10), (beside, forgotten_s)]);
-        assert_eq!(earlier(&recurrences, forgotten_s), 0);
+        let mut recurrences = recorded(&[(PLACE, 10)]);
+        assert_eq!([forgotten_s - 1, forgotten_s].map(|now_s| earlier(&recurrences, now_s)), [1, 0]);
+        recurrences.record([detection(beside, forgotten_s)].iter(), forgotten_s * SECOND_NS);
+        assert_eq!(recurrences.places.len(), 1, "memory is freed");
     }
 
     #[test]
