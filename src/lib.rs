@@ -22,6 +22,7 @@ macro_rules! outln {
 
 pub mod app;
 pub mod cli;
+pub mod gpu_imaging;
 pub mod openvr;
 pub mod panel;
 pub mod render;

@@ -1,7 +1,7 @@
 //! `radar-chaperone reconstruct FILE --statistic NAME --voxel-m V --out V.npy`: the evidence in
 //! space, as a volume.
 //!
-//! `Reconstruct` has 16 fields: they are the command line's arguments, one field each.
+//! `Reconstruct` has 17 fields: they are the command line's arguments, one field each.
 
 use std::path::PathBuf;
 
@@ -11,6 +11,7 @@ use serde_json::{Map, Value};
 
 use super::files::{SettingsArguments, read_streams, refuse_overwriting};
 use crate::app::progress;
+use crate::gpu_imaging::GpuImager;
 use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
 use crate::settings::Settings;
 use radar_mapping::cube_ahead;
@@ -31,6 +32,10 @@ use radar_sar::{Preselection, Preselector, Selection, Statistic, Volume, subaper
 /// `--search adaptive` finds the voxels at or above `--threshold-share` of the greatest value, the
 /// same voxels with the same values as `dense`, with a small part of its work; the others are 0 in
 /// the volume. It supports all statistics but subaperture.
+///
+/// `--device gpu` computes a dense volume on the graphics card, to 0.5 % of its peak the same; the
+/// processor gives the same bits on every machine. `auto` takes a card where there is one and the
+/// volume is large.
 #[derive(Debug, Args)]
 pub(super) struct Reconstruct {
     /// Recording (.mcap)
@@ -64,6 +69,9 @@ pub(super) struct Reconstruct {
     /// How space is searched
     #[arg(long, value_enum, default_value_t = Search::Dense)]
     search: Search,
+    /// What computes a dense volume
+    #[arg(long, value_enum, default_value_t = Device::Cpu)]
+    device: Device,
     /// Adaptive: voxels from this share of the greatest value on
     #[arg(long, default_value_t = 0.5)]
     threshold_share: f32,
@@ -90,6 +98,20 @@ enum Search {
     /// The voxels above a threshold, by branch and bound
     Adaptive,
 }
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Device {
+    /// The processor
+    Cpu,
+    /// The graphics card, or a software renderer
+    Gpu,
+    /// The graphics card for large volumes, where there is one
+    Auto,
+}
+
+/// (voxel, sweep) pairs from which on `--device auto` takes the graphics card. Choice: a second of
+/// one core, several times what opening a card takes.
+const UPDATES_FOR_GPU: u64 = 1_000_000_000;
 
 /// The result of the computation.
 struct Computed {
@@ -159,17 +181,23 @@ impl Reconstruct {
         extra.insert("sweeps".into(), sweeps.len().into());
         extra.insert("selection".into(), self.sweeps.map(|_| self.selection.clone()).into());
         extra.insert("search".into(), if adaptive { "adaptive" } else { "dense" }.into());
-        if statistic == Statistic::Subaperture {
-            if adaptive {
-                bail!("--search adaptive does not serve blocks: leave it out");
-            }
-            let volume = subaperture_volume(sweeps, beam, &settings.rooms.subapertures, region, self.voxel_m);
-            let updates = (volume.values.len() * sweeps.len()) as u64;
-            return Ok(Computed { volume, updates, extra });
+        if statistic == Statistic::Subaperture && adaptive {
+            bail!("--search adaptive does not serve subaperture: leave it out");
         }
         let most = if adaptive { MAX_SWEEPS_ADAPTIVE } else { MAX_SWEEPS_DENSE };
-        if sweeps.len() > most {
+        if statistic != Statistic::Subaperture && sweeps.len() > most {
             bail!("{} sweeps are more than fit in memory: choose at most {most} with --sweeps", sweeps.len());
+        }
+        let subapertures = &settings.rooms.subapertures;
+        if let Some(mut imager) = self.imager(region, sweeps.len())? {
+            extra.insert("device".into(), imager.adapter_name().into());
+            let found = imager.volume(statistic, beam, subapertures, sweeps, region, self.voxel_m)?;
+            return Ok(Computed { volume: found.volume, updates: found.updates, extra });
+        }
+        if statistic == Statistic::Subaperture {
+            let volume = subaperture_volume(sweeps, beam, subapertures, region, self.voxel_m);
+            let updates = (volume.values.len() * sweeps.len()) as u64;
+            return Ok(Computed { volume, updates, extra });
         }
         let grid = BrickGrid::covering(region, self.voxel_m);
         let (stack, _) = SweepStack::of(statistic, beam, sweeps, grid.middle_m());
@@ -182,6 +210,24 @@ impl Reconstruct {
         extra.insert("voxels".into(), found.voxels.len().into());
         extra.insert("bounds".into(), found.work.bounds.into());
         Ok(Computed { volume: found.volume(&grid), updates: found.work.updates, extra })
+    }
+
+    /// The graphics card, if it is to compute the volume.
+    fn imager(&self, region: &Aabb, sweeps: usize) -> Result<Option<GpuImager>> {
+        let adaptive = matches!(self.search, Search::Adaptive);
+        let voxels = Volume::size_covering(region, self.voxel_m).iter().product::<usize>();
+        match self.device {
+            Device::Cpu => Ok(None),
+            Device::Gpu if adaptive => bail!("--device gpu computes dense volumes: leave out --search adaptive"),
+            Device::Gpu => Ok(Some(GpuImager::open()?)),
+            Device::Auto if adaptive || ((voxels * sweeps) as u64) < UPDATES_FOR_GPU => Ok(None),
+            Device::Auto => {
+                let card = GpuImager::open().ok().filter(|imager| !imager.is_software());
+                let of = card.as_ref().map_or("the processor: no graphics card", GpuImager::adapter_name);
+                log::info!("--device auto takes {of}");
+                Ok(card)
+            }
+        }
     }
 
     fn region(&self, first_pose: &Pose) -> Result<Aabb> {

@@ -20,12 +20,14 @@ pub fn needed_limits(offered: &wgpu::Limits) -> wgpu::Limits {
 }
 
 /// A device, its queue, and the errors that it reported.
-pub(super) struct Gpu {
+pub(crate) struct Gpu {
     /// Declared first: dropped before its device.
     probe: Option<LossProbe>,
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub name: String,
+    /// Whether the adapter computes on the processor.
+    pub is_software: bool,
     errors: Arc<Mutex<DeviceErrors>>,
 }
 
@@ -71,6 +73,11 @@ struct DeviceErrors {
 impl Gpu {
     /// Opens the fastest Vulkan adapter, or a software renderer if there is no other.
     pub fn headless() -> Result<Self, RenderError> {
+        Self::headless_with(needed_limits)
+    }
+
+    /// The same with limits that follow from the adapter's.
+    pub fn headless_with(limits: impl Fn(&wgpu::Limits) -> wgpu::Limits) -> Result<Self, RenderError> {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = wgpu::Backends::VULKAN;
         let instance = wgpu::Instance::new(descriptor);
@@ -79,16 +86,17 @@ impl Gpu {
             ..Default::default()
         };
         let adapter = pollster::block_on(instance.request_adapter(&wanted)).map_err(|_| RenderError::NoAdapter)?;
-        let name = adapter.get_info().name;
+        let (name, kind) = (adapter.get_info().name, adapter.get_info().device_type);
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("radar-chaperone"),
-            required_limits: needed_limits(&adapter.limits()),
+            required_limits: limits(&adapter.limits()),
             // Allocates memory in blocks of 8 MB instead of 128 MB.
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         }))
         .map_err(|error| RenderError::NoDevice { adapter: name.clone(), cause: error.to_string() })?;
-        Ok(Self::of(device, queue, name))
+        let is_software = kind == wgpu::DeviceType::Cpu;
+        Ok(Self { is_software, ..Self::of(device, queue, name) })
     }
 
     /// Takes over an open device.
@@ -104,7 +112,12 @@ impl Gpu {
             lock_errors(&keep).lost.get_or_insert(why);
         });
         let probe = LossProbe::of(&device);
-        Self { probe, device, queue, name, errors }
+        Self { probe, device, queue, name, is_software: false, errors }
+    }
+
+    /// Waits until all submitted work is done.
+    pub fn wait(&self) -> Result<(), RenderError> {
+        self.poll(wgpu::PollType::wait_indefinitely())
     }
 
     /// First error of the device since the last call, if any. Also lets wgpu free resources that
@@ -153,6 +166,24 @@ impl Gpu {
         buffer
     }
 
+    /// A buffer into which work on the device copies what [`Self::read_buffer`] reads.
+    pub fn readable(&self, bytes: u64) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// The bytes of a buffer from [`Self::readable`], when all submitted work is done.
+    pub fn read_buffer<T>(&self, buffer: &wgpu::Buffer, read: impl FnOnce(&[u8]) -> T) -> Result<T, RenderError> {
+        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait()?;
+        let mapped = buffer.get_mapped_range(..).map_err(device_error)?;
+        Ok(read(&mapped))
+    }
+
     /// Checks that an image of this size is possible.
     pub fn check_size(&self, [width, height]: [u32; 2]) -> Result<(), RenderError> {
         let greatest = self.device.limits().max_texture_dimension_2d;
@@ -191,12 +222,7 @@ impl Gpu {
     pub fn read(&self, texture: &wgpu::Texture) -> Result<RgbaImage, RenderError> {
         let (width, height) = (texture.width(), texture.height());
         let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: u64::from(row) * u64::from(height),
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
+        let buffer = self.readable(u64::from(row) * u64::from(height));
         let mut encoder = self.device.create_command_encoder(&Default::default());
         encoder.copy_texture_to_buffer(
             texture.as_image_copy(),
@@ -207,10 +233,9 @@ impl Gpu {
             wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         );
         self.queue.submit([encoder.finish()]);
-        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
-        self.poll(wgpu::PollType::wait_indefinitely())?;
-        let mapped = buffer.get_mapped_range(..).map_err(device_error)?;
-        let pixels = mapped.chunks(row as usize).flat_map(|line| &line[..4 * width as usize]).copied().collect();
+        let pixels = self.read_buffer(&buffer, |bytes| {
+            bytes.chunks(row as usize).flat_map(|line| &line[..4 * width as usize]).copied().collect()
+        })?;
         RgbaImage::from_raw(width, height, pixels).ok_or_else(|| RenderError::Device("image has too few pixels".into()))
     }
 }

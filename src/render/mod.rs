@@ -20,6 +20,7 @@ mod stereo;
 
 pub use error::RenderError;
 pub use eye::EyeView;
+pub(crate) use gpu::Gpu;
 pub use gpu::needed_limits;
 pub use quads::{Quad, QuadKind};
 pub use renderer::Renderer;

@@ -14,6 +14,7 @@ mod constants;
 mod faults;
 mod found;
 mod golden;
+mod gpu_imaging;
 mod links;
 mod module_dependencies;
 mod moving_targets;

@@ -1,6 +1,7 @@
 //! The result pages in docs/results: measured by one command, with the commit and the machine that
 //! measured them.
 
+mod gpu;
 mod page;
 mod pages;
 mod play;
@@ -60,7 +61,7 @@ impl ResultsPage {
 }
 
 /// Every page.
-pub const PAGES: [ResultsPage; 6] = [
+pub const PAGES: [ResultsPage; 7] = [
     ResultsPage {
         name: "reflectors",
         about: "position of a reflector, pairs, time offset",
@@ -86,5 +87,11 @@ pub const PAGES: [ResultsPage; 6] = [
         about: "processor time of the pipeline, latency beside a frame loop",
         is_timed: true,
         make: speed::page,
+    },
+    ResultsPage {
+        name: "gpu",
+        about: "dense volumes on the graphics card beside the processor",
+        is_timed: true,
+        make: gpu::page,
     },
 ];

@@ -42,7 +42,8 @@ fn commit() -> String {
     match (git(&["rev-parse", "--short=10", "HEAD"]), git(&["status", "--porcelain", "--untracked-files=no"])) {
         (Some(hash), Some(changes)) if changes.is_empty() => format!("commit {hash}"),
         (Some(hash), _) => format!("commit {hash} with uncommitted changes"),
-        _ => "an unknown commit".into(),
+        // A program that was built here and measures on a machine without the checkout.
+        _ => option_env!("RADAR_CHAPERONE_COMMIT").map_or("an unknown commit".into(), |hash| format!("commit {hash}")),
     }
 }
 

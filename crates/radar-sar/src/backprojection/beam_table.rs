@@ -12,7 +12,7 @@ const STEPS: usize = 4096;
 
 /// A(cos) between −1 and 1, and the cosine at which the beam is cut off.
 #[derive(Debug, Clone)]
-pub(super) struct BeamTable {
+pub struct BeamTable {
     /// Points at a smaller cosine are out of the beam.
     pub cut_cos: f32,
     /// Every point within the cut is in the beam; otherwise an amplitude of 0 is out of the beam
@@ -24,7 +24,7 @@ pub(super) struct BeamTable {
     /// interpolation next to it is correct.
     pub amplitudes: Vec<f32>,
     /// A as a polynomial, where that is accurate enough.
-    pub polynomial: Option<Polynomial>,
+    pub(super) polynomial: Option<Polynomial>,
 }
 
 /// A between the cut and the axis as a polynomial, without a lookup.
@@ -83,7 +83,8 @@ pub(super) const ENTRIES_PER_COS: f32 = STEPS as f32 * 0.5;
 static NAMED: [OnceLock<Arc<BeamTable>>; 5] = [const { OnceLock::new() }; 5];
 
 impl BeamTable {
-    pub(super) fn of(beam: &Beam) -> Arc<Self> {
+    /// The table of a beam; those of the named beams are computed once.
+    pub fn of(beam: &Beam) -> Arc<Self> {
         let named = match beam {
             Beam::Uniform => 0,
             Beam::Thesis => 1,

@@ -15,6 +15,7 @@ mod search;
 mod sweep_stack;
 mod weighted;
 
+pub use beam_table::BeamTable;
 pub use dense::{DenseVolume, dense_volume};
 pub use grid::BrickGrid;
 #[cfg(feature = "rolling")]

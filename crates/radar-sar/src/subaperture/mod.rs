@@ -27,8 +27,7 @@ pub use kernel::{Coherence, PlaneAt};
 pub use mti::{MtiEcho, MtiFilter, MtiResult};
 pub use planes::{PlaneField, PlanePeak};
 pub use score_null_distribution::NoiseTail;
-pub(crate) use settings::taper;
-pub use settings::{SubapertureSettings, partition};
+pub use settings::{SubapertureSettings, partition, taper};
 
 /// Mean of ln(1 + m) for m exponential with mean 1, its distribution under noise. Physics: e·E₁(1).
 pub const MEAN_LOG_OF_NOISE: f64 = 0.596_347;
