@@ -42,6 +42,8 @@ pub struct GpuImager {
     layout: wgpu::BindGroupLayout,
     /// Compiled at first use.
     pipelines: BTreeMap<Kind, Pipelines>,
+    /// Kept from volume to volume, since allocating them takes longer than a small volume.
+    slab: Option<Slab>,
 }
 
 /// A volume from a graphics card and the work that it took.
@@ -104,7 +106,7 @@ impl GpuImager {
         let limits = |offered: &wgpu::Limits| wgpu::Limits::default().using_resolution(offered.clone());
         let gpu = Gpu::headless_with(limits)?;
         let layout = bind_group_layout(&gpu.device);
-        Ok(Self { gpu, pace: Pace::default(), layout, pipelines: BTreeMap::new() })
+        Ok(Self { gpu, pace: Pace::default(), layout, pipelines: BTreeMap::new(), slab: None })
     }
 
     /// Sets the time of one dispatch, seconds, for a card that is shared otherwise than with a game.
@@ -174,12 +176,17 @@ impl GpuImager {
         self.pipelines.entry(job.kind).or_insert_with(|| Pipelines::new(gpu, layout, job));
         let grid = results[0].size.map(|n| n.div_ceil(EDGE));
         let (count, mut work) = (grid.iter().product::<usize>(), GpuWork::default());
-        let buffers = Buffers::new(gpu, job, &results[0], grid);
+        let at_once = count.min(MAX_BRICKS);
+        let slab = match self.slab.take() {
+            Some(slab) if slab.bricks >= at_once => self.slab.insert(slab),
+            _ => self.slab.insert(Slab::new(gpu, at_once)),
+        };
+        let buffers = Buffers::new(gpu, slab, job, &results[0], grid);
         gpu.check()?;
         let batches = job.batches(MAX_TABLE_BYTES / size_of::<[f32; 2]>());
         let mut loaded: Option<(usize, wgpu::BindGroup, Vec<RunParameters>)> = None;
         for first in (0..count).step_by(MAX_BRICKS) {
-            let slab = first..count.min(first + MAX_BRICKS);
+            let some = first..count.min(first + MAX_BRICKS);
             buffers.clear(&self.gpu);
             for (n, runs) in batches.iter().enumerate() {
                 // One batch stays for all slabs.
@@ -190,26 +197,27 @@ impl GpuImager {
                         loaded.insert((n, buffers.bind(&self.gpu, &self.layout, &batch), batch.runs))
                     }
                 };
-                self.pace.add(runs, &slab, &mut work, |runs, bricks| {
+                self.pace.add(runs, &some, &mut work, |runs, bricks| {
                     let chunk = Chunk {
                         first_brick: bricks.start as u32,
-                        base_brick: slab.start as u32,
+                        base_brick: some.start as u32,
                         first_run: runs.start as u32,
                         runs: runs.len() as u32,
                         ..buffers.constants
                     };
-                    buffers.dispatch(&self.gpu, &self.pipelines[&job.kind].add, bound, &chunk, bricks.len(), None);
+                    buffers.dispatch(&self.gpu, &self.pipelines[&job.kind].add, bound, &chunk, bricks.len(), 0);
                     self.gpu.wait()
                 })?;
             }
             let Some((_, bound, _)) = &loaded else { return Ok(work) };
             for (part, volume) in (0..).zip(&mut *results) {
                 let chunk = Chunk { part, ..buffers.constants };
-                let copy = self.gpu.readable((slab.len() * VOXELS * size_of::<f32>()) as u64);
+                let bytes = (some.len() * VOXELS * size_of::<f32>()) as u64;
                 let finish = &self.pipelines[&job.kind].finish;
-                buffers.dispatch(&self.gpu, finish, bound, &chunk, slab.len(), Some(&copy));
-                let values: Vec<f32> = self.gpu.read_buffer(&copy, bytemuck::pod_collect_to_vec)?;
-                put_bricks(volume, grid, slab.clone(), &values);
+                buffers.dispatch(&self.gpu, finish, bound, &chunk, some.len(), bytes);
+                self.gpu.read_buffer(&slab.copy, bytes, |bytes| {
+                    put_bricks(volume, grid, some.clone(), bytemuck::cast_slice(bytes));
+                })?;
             }
         }
         Ok(work)
@@ -273,31 +281,51 @@ impl Pipelines {
     }
 }
 
-/// The buffers of one job.
-struct Buffers {
-    chunk: wgpu::Buffer,
-    beam: wgpu::Buffer,
+/// What the card holds of bricks that are computed at once.
+struct Slab {
+    bricks: usize,
     sums: wgpu::Buffer,
     values: wgpu::Buffer,
+    /// The values where the processor reads them.
+    copy: wgpu::Buffer,
+}
+
+impl Slab {
+    fn new(gpu: &Gpu, bricks: usize) -> Self {
+        let voxels = (bricks * VOXELS) as u64;
+        let bytes = voxels * size_of::<f32>() as u64;
+        Self {
+            bricks,
+            sums: empty(gpu, 4 * bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST),
+            values: empty(gpu, bytes, BufferUsages::STORAGE | BufferUsages::COPY_SRC),
+            copy: gpu.readable(bytes),
+        }
+    }
+}
+
+fn empty(gpu: &Gpu, size: u64, usage: BufferUsages) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false })
+}
+
+/// The buffers of one job.
+struct Buffers<'a> {
+    slab: &'a Slab,
+    chunk: wgpu::Buffer,
+    beam: wgpu::Buffer,
     /// Without what changes from dispatch to dispatch.
     constants: Chunk,
 }
 
-impl Buffers {
-    fn new(gpu: &Gpu, job: &Job, volume: &Volume, grid: [usize; 3]) -> Self {
+impl<'a> Buffers<'a> {
+    fn new(gpu: &Gpu, slab: &'a Slab, job: &Job, volume: &Volume, grid: [usize; 3]) -> Self {
         // One more entry: interpolation reads the entry after the last one.
         let mut amplitudes = job.beam.amplitudes.clone();
         amplitudes.extend(amplitudes.last().copied());
-        let voxels = (grid.iter().product::<usize>().min(MAX_BRICKS) * VOXELS) as u64;
-        let empty = |size: u64, usage: BufferUsages| {
-            gpu.device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false })
-        };
         let corner_m = volume.origin_m - volume.region().center();
         Self {
-            chunk: empty(size_of::<Chunk>() as u64, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
+            slab,
+            chunk: empty(gpu, size_of::<Chunk>() as u64, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
             beam: gpu.buffer(bytemuck::cast_slice(&amplitudes), BufferUsages::STORAGE),
-            sums: empty(voxels * size_of::<[f32; 4]>() as u64, BufferUsages::STORAGE | BufferUsages::COPY_DST),
-            values: empty(voxels * size_of::<f32>() as u64, BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             constants: Chunk {
                 corner_m: corner_m.as_vec3().to_array(),
                 voxel_m: volume.voxel_m as f32,
@@ -317,7 +345,7 @@ impl Buffers {
         let sweeps = storage(bytemuck::cast_slice(&batch.sweeps));
         let runs = storage(bytemuck::cast_slice(&batch.runs));
         let tables = storage(bytemuck::cast_slice(&batch.tables));
-        let buffers = [&self.chunk, &sweeps, &runs, &tables, &self.beam, &self.sums, &self.values];
+        let buffers = [&self.chunk, &sweeps, &runs, &tables, &self.beam, &self.slab.sums, &self.slab.values];
         let entries: Vec<wgpu::BindGroupEntry> = (0..)
             .zip(buffers)
             .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
@@ -327,11 +355,11 @@ impl Buffers {
 
     fn clear(&self, gpu: &Gpu) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.clear_buffer(&self.sums, 0, None);
+        encoder.clear_buffer(&self.slab.sums, 0, None);
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// Submits a dispatch, and a copy of the values if wanted.
+    /// Submits a dispatch, and a copy of so many bytes of the values.
     fn dispatch(
         &self,
         gpu: &Gpu,
@@ -339,7 +367,7 @@ impl Buffers {
         bound: &wgpu::BindGroup,
         chunk: &Chunk,
         workgroups: usize,
-        copy: Option<&wgpu::Buffer>,
+        copy_bytes: u64,
     ) {
         gpu.queue.write_buffer(&self.chunk, 0, bytemuck::bytes_of(chunk));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -348,8 +376,8 @@ impl Buffers {
         pass.set_bind_group(0, bound, &[]);
         pass.dispatch_workgroups(workgroups as u32, 1, 1);
         drop(pass);
-        if let Some(copy) = copy {
-            encoder.copy_buffer_to_buffer(&self.values, 0, copy, 0, copy.size());
+        if copy_bytes > 0 {
+            encoder.copy_buffer_to_buffer(&self.slab.values, 0, &self.slab.copy, 0, copy_bytes);
         }
         gpu.queue.submit([encoder.finish()]);
     }

@@ -176,12 +176,20 @@ impl Gpu {
         })
     }
 
-    /// The bytes of a buffer from [`Self::readable`], when all submitted work is done.
-    pub fn read_buffer<T>(&self, buffer: &wgpu::Buffer, read: impl FnOnce(&[u8]) -> T) -> Result<T, RenderError> {
-        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
+    /// The first bytes of a buffer from [`Self::readable`], when all submitted work is done.
+    pub fn read_buffer<T>(
+        &self,
+        buffer: &wgpu::Buffer,
+        bytes: u64,
+        read: impl FnOnce(&[u8]) -> T,
+    ) -> Result<T, RenderError> {
+        buffer.map_async(wgpu::MapMode::Read, ..bytes, |_| {});
         self.wait()?;
-        let mapped = buffer.get_mapped_range(..).map_err(device_error)?;
-        Ok(read(&mapped))
+        let mapped = buffer.get_mapped_range(..bytes).map_err(device_error)?;
+        let done = read(&mapped);
+        drop(mapped);
+        buffer.unmap();
+        Ok(done)
     }
 
     /// Checks that an image of this size is possible.
@@ -233,7 +241,7 @@ impl Gpu {
             wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         );
         self.queue.submit([encoder.finish()]);
-        let pixels = self.read_buffer(&buffer, |bytes| {
+        let pixels = self.read_buffer(&buffer, buffer.size(), |bytes| {
             bytes.chunks(row as usize).flat_map(|line| &line[..4 * width as usize]).copied().collect()
         })?;
         RgbaImage::from_raw(width, height, pixels).ok_or_else(|| RenderError::Device("image has too few pixels".into()))
