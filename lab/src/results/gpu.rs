@@ -55,8 +55,8 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
         .text(
             "Card: from observations to the volume; kernel: the sum of the dispatches. Longest dispatch: how long another \
              program, such as a game, had to wait for the card at most. Difference: the 99.9th percentile over voxels, in \
-             shares of the peak; a voxel at an edge of range or beam may count a sweep differently, and both are \
-             within 0.5 % of the oracle elsewhere.",
+             shares of the peak; a voxel at an edge of range or beam may count a sweep differently, and the \
+             processor's fine image follows a sub-aperture's motion by a polynomial.",
         )
         .heading("A public backprojector on the same card")
         .text(&peer(extent)))
