@@ -70,7 +70,7 @@ fn played(world: PlayWorld, seeds: Range<u64>, command: &str) -> Result<Training
         };
         let mut settings = Settings::default();
         settings.rooms.tracks.confirm_log_odds = confirm_log_odds;
-        let trial = PlayTrial { session, settings, controllers: false };
+        let trial = PlayTrial { session, settings: vec![settings], controllers: false };
         let seeds: Vec<u64> = seeds.clone().skip(n).step_by(SESSIONS.len()).collect();
         examples = examples.merged(TrainingSet::of(&trial, &seeds, command)?);
     }

@@ -70,12 +70,24 @@ pub struct PlaySessions {
     /// against false reports
     #[arg(long, value_name = "ODDS", value_delimiter = ',', allow_hyphen_values = true)]
     odds: Vec<f64>,
+    /// Also plays the same with these settings, NAME=VALUE separated by spaces; may be repeated
+    #[arg(long, value_name = "SETTINGS", conflicts_with = "odds")]
+    variant: Vec<String>,
     /// Settings file
     #[arg(long, value_name = "FILE")]
     settings: Option<std::path::PathBuf>,
     /// A setting; may be repeated
     #[arg(long, value_name = "NAME=VALUE")]
     set: Vec<String>,
+}
+
+/// A setting that is played beside others, with the same sessions.
+#[derive(Debug, Default)]
+struct Variant {
+    /// What the outcome's name has after the preset's.
+    name: String,
+    odds: Option<f64>,
+    changes: Vec<String>,
 }
 
 impl PlaySessions {
@@ -90,15 +102,12 @@ impl PlaySessions {
             Some(path) => std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?,
             None => String::new(),
         };
-        let odds: Vec<Option<f64>> =
-            if self.odds.is_empty() { vec![None] } else { self.odds.iter().copied().map(Some).collect() };
-        let settings: Vec<Settings> = odds.iter().map(|odds| self.settings(&text, *odds)).collect::<Result<_>>()?;
+        let variants = self.variants();
+        let settings = variants.iter().map(|variant| self.settings(&text, variant)).collect::<Result<Vec<_>>>()?;
         let start = Instant::now();
         let mut outcomes = Vec::new();
         for preset in &self.presets {
-            for (odds, settings) in odds.iter().zip(&settings) {
-                outcomes.push(self.play(preset, *odds, settings.clone())?);
-            }
+            outcomes.extend(self.play(preset, &variants, &settings)?);
         }
         if outcomes.len() > 1 {
             outln!("{}", curve_table(&outcomes).aligned())?;
@@ -106,13 +115,30 @@ impl PlaySessions {
         self.write(&outcomes, start.elapsed())
     }
 
-    /// Plays every room with one setting.
-    fn play(&self, preset: &str, odds: Option<f64>, settings: Settings) -> Result<PlayOutcome> {
+    /// What is played of each session: one setting, several odds, or the setting and its variants.
+    fn variants(&self) -> Vec<Variant> {
+        let with_odds = |odds: &f64| Variant {
+            name: format!(", odds {odds}"),
+            odds: Some(*odds),
+            changes: vec![format!("rooms.tracks.confirm_log_odds={odds:?}")],
+        };
+        if !self.odds.is_empty() {
+            return self.odds.iter().map(with_odds).collect();
+        }
+        let others = self.variant.iter().map(|text| Variant {
+            name: format!(", {text}"),
+            odds: None,
+            changes: text.split_whitespace().map(str::to_owned).collect(),
+        });
+        std::iter::once(Variant::default()).chain(others).collect()
+    }
+
+    /// Plays every room with every variant.
+    fn play(&self, preset: &str, variants: &[Variant], settings: &[Settings]) -> Result<Vec<PlayOutcome>> {
         let rooms = self.rooms.unwrap_or(if self.quick { 2 } else { 10 });
         let minutes = self.minutes.unwrap_or(if self.quick { 1.0 } else { 10.0 });
         let seeds: Vec<u64> = (0..rooms).map(|n| self.seed.wrapping_add(n)).collect();
-        let name = odds.map_or(preset.into(), |odds| format!("{preset}, odds {odds}"));
-        let bar = progress::bar(rooms, &format!("playing with {name}"));
+        let bar = progress::bar(rooms, &format!("playing with {preset}"));
         let errors = Headset::from_name(&self.headset)?.errors();
         let world = PlayWorld::from_name(&self.world)?;
         if self.walls_db != 0.0 && world != PlayWorld::Points {
@@ -128,25 +154,29 @@ impl PlaySessions {
             trial.session.visitor = !self.lacks("visitor");
             trial.controllers = self.controllers;
         };
-        let figures = played(preset, settings, &seeds, minutes, adapt, || bar.inc(1))?;
+        let played = played(preset, settings.to_vec(), &seeds, minutes, adapt, || bar.inc(1))?;
         bar.finish_and_clear();
-        outln!("{name}: {rooms} rooms of {minutes} min from seed {} on", self.seed)?;
-        for table in tables(&figures) {
-            outln!("{}", table.aligned())?;
+        let mut outcomes = Vec::new();
+        for (Variant { name, odds, .. }, figures) in variants.iter().zip(played) {
+            let name = format!("{preset}{name}");
+            outln!("{name}: {rooms} rooms of {minutes} min from seed {} on", self.seed)?;
+            for table in tables(&figures) {
+                outln!("{}", table.aligned())?;
+            }
+            if self.each {
+                print_each(&figures)?;
+            }
+            outcomes.push(PlayOutcome { name, preset: preset.into(), odds: *odds, figures });
         }
-        if self.each {
-            print_each(&figures)?;
-        }
-        Ok(PlayOutcome { name, preset: preset.into(), odds, figures })
+        Ok(outcomes)
     }
 
     fn lacks(&self, what: &str) -> bool {
         self.without.iter().any(|without| without == what)
     }
 
-    fn settings(&self, text: &str, odds: Option<f64>) -> Result<Settings> {
-        let odds = odds.map(|odds| format!("rooms.tracks.confirm_log_odds={odds:?}"));
-        let changes: Vec<String> = self.set.iter().cloned().chain(odds).collect();
+    fn settings(&self, text: &str, variant: &Variant) -> Result<Settings> {
+        let changes: Vec<String> = self.set.iter().chain(&variant.changes).cloned().collect();
         Ok(Settings::from_toml(text, &changes)?)
     }
 
@@ -156,8 +186,8 @@ impl PlaySessions {
             outln!("Written to {}", folder.join("play.md").display())?;
         }
         if let Some(path) = &self.json {
-            let rows = played.iter().map(|PlayOutcome { preset, odds, figures, .. }| {
-                json!({"preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "without": self.without, "walls_db": self.walls_db,
+            let rows = played.iter().map(|PlayOutcome { name, preset, odds, figures }| {
+                json!({"name": name, "preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "without": self.without, "walls_db": self.walls_db,
                     "headset": self.headset, "effects": self.effects, "world": self.world,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})

@@ -27,33 +27,37 @@ pub struct PlayOutcome {
     pub figures: Figures,
 }
 
-/// Plays `seeds` with a preset; `changes` are settings, `adapt` changes the trial. `done` is called
-/// when each session is over.
+/// Plays `seeds` with a preset, each with every one of the settings; `adapt` changes the trial. `done`
+/// is called when each session is over. Returns the figures of each setting.
 ///
 /// # Errors
 /// Settings that do not exist, a preset that does not exist, sessions that cannot be simulated.
 pub fn played(
     preset_name: &str,
-    settings: Settings,
+    settings: Vec<Settings>,
     seeds: &[u64],
     minutes: f64,
     adapt: impl Fn(&mut PlayTrial),
     done: impl Fn() + Sync,
-) -> Result<Figures> {
+) -> Result<Vec<Figures>> {
     let config = preset(preset_name).ok_or_else(|| anyhow!("there is no preset {preset_name:?}"))?;
     let effects = SensorEffects::MEASURED;
     let session = PlaySession { duration_s: 60.0 * minutes, effects, ..PlaySession::new(config, 0) };
     let mut trial = PlayTrial { session, settings, controllers: false };
     adapt(&mut trial);
-    let mut figures = Figures::default();
-    play(&trial, seeds, |_, _| done())?.into_iter().for_each(|one| figures.add(one));
-    Ok(figures)
+    let mut sums = vec![Figures::default(); trial.settings.len()];
+    for of_seed in play(&trial, seeds, |_| done())? {
+        sums.iter_mut().zip(of_seed).for_each(|(sum, one)| sum.add(one));
+    }
+    Ok(sums)
 }
 
 pub(super) fn page(extent: Extent) -> Result<Page> {
     let seeds: Vec<u64> = (0..extent.choose(10, 1)).map(|n| FIRST_SEED + n).collect();
     let minutes = extent.choose(10.0, 0.5);
-    let of = |adapt: fn(&mut PlayTrial)| played("d16", Settings::default(), &seeds, minutes, adapt, || ());
+    let of = |adapt: fn(&mut PlayTrial)| {
+        Ok::<_, anyhow::Error>(played("d16", vec![Settings::default()], &seeds, minutes, adapt, || ())?.swap_remove(0))
+    };
     let usual = of(|_| ())?;
     let controllers = of(|trial| trial.controllers = true)?;
     let bright_walls = of(|trial| trial.session.walls_db = 20.0)?;
@@ -94,13 +98,17 @@ fn curves(extent: Extent) -> Result<Vec<PlayOutcome>> {
     let seeds: Vec<u64> = (0..extent.choose(10, 1)).map(|n| FIRST_SEED + n).collect();
     let mut outcomes = Vec::new();
     for preset in extent.choose(vec!["d16", "c16", "thesis"], vec!["d16"]) {
-        for odds in extent.choose(vec![0.7, 1.2, 1.7, 2.3], vec![1.7]) {
+        let all_odds = extent.choose(vec![0.7, 1.2, 1.7, 2.3], vec![1.7]);
+        let with_odds = |odds: &f64| {
             let mut changes = vec![format!("{ODDS}={odds:?}")];
             if preset == "thesis" {
                 changes.push("processing.mode=\"rooms\"".into());
             }
-            let settings = Settings::from_toml("", &changes)?;
-            let figures = played(preset, settings, &seeds, extent.choose(3.0, 0.5), |_| (), || ())?;
+            Settings::from_toml("", &changes)
+        };
+        let settings = all_odds.iter().map(with_odds).collect::<Result<_, _>>()?;
+        let played = played(preset, settings, &seeds, extent.choose(3.0, 0.5), |_| (), || ())?;
+        for (odds, figures) in all_odds.into_iter().zip(played) {
             let name = format!("{preset}, odds {odds}");
             outcomes.push(PlayOutcome { name, preset: preset.into(), odds: Some(odds), figures });
         }

@@ -19,8 +19,9 @@ use radar_simulation::{PlaySession, Session, SessionError};
 pub struct PlayTrial {
     /// The session; its seed is replaced.
     pub session: PlaySession,
-    /// The settings. Mount and sensor configuration come from the session.
-    pub settings: Settings,
+    /// The settings, each played with the same frames and poses. Mount and sensor configuration
+    /// come from the session.
+    pub settings: Vec<Settings>,
     /// Whether the player's controllers are tracked.
     pub controllers: bool,
 }
@@ -40,100 +41,102 @@ const BATCH_S: f64 = 4.0;
 /// cm at walking speed.
 const POSES_PER_STEP: usize = 4;
 
-/// Plays one session per seed and returns the figures in the seeds' order. `done` is called when
-/// each is over. The result does not depend on the number of threads.
+/// Plays one session per seed and returns the figures `[seed][setting]`, in their order. `done` is
+/// called when each session is over. The result does not depend on the number of threads.
 ///
 /// # Errors
 /// A session that cannot be simulated.
-pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64, &Figures) + Sync) -> Result<Vec<Figures>, PlayError> {
-    let play_one = |&seed: &u64| -> Result<Figures, PlayError> {
+pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64) + Sync) -> Result<Vec<Vec<Figures>>, PlayError> {
+    let play_one = |&seed: &u64| -> Result<Vec<Figures>, PlayError> {
         let session = PlaySession { seed, ..trial.session.clone() }.prepare()?;
-        let figures = SessionRunner::new(&session, trial, |_, _| ()).play();
-        done(seed, &figures);
+        let figures = play_session(&session, trial, |_, _| ());
+        done(seed);
         Ok(figures)
     };
     seeds.par_iter().map(play_one).collect()
 }
 
-/// Plays one session. `on_update` is called after each update of the map with the time, seconds,
-/// and the scored detections.
+/// Plays one session. `on_update` is called after each update of the map of each setting with the
+/// time, seconds, and the scored detections.
 pub(in crate::experiments) fn for_each_update(
     session: &Session,
     trial: &PlayTrial,
     on_update: impl FnMut(f64, &[ScoredCandidate]),
 ) {
-    SessionRunner::new(session, trial, on_update).play();
+    play_session(session, trial, on_update);
 }
 
-struct SessionRunner<'s, L> {
-    session: &'s Session,
-    trial: &'s PlayTrial,
+/// The figures of each setting.
+fn play_session(
+    session: &Session,
+    trial: &PlayTrial,
+    mut on_update: impl FnMut(f64, &[ScoredCandidate]),
+) -> Vec<Figures> {
+    let start_ns = Session::host_ns(0.0);
+    let end_ns = Session::host_ns(session.play().duration_s);
+    let mut players: Vec<Player> = trial.settings.iter().map(|settings| Player::new(session, settings)).collect();
+    let mut poses = 0;
+    for event in in_time_order(Frames::new(session), session.poses()) {
+        let (time_ns, is_pose) = (event.time_ns(), matches!(event, Event::Pose(_)));
+        let time_s = (time_ns - start_ns) as f64 * 1e-9;
+        let hands_m = session.hands_at(time_s).filter(|_| trial.controllers).map(|hands| hands.map(Some));
+        let is_step = is_pose && poses % POSES_PER_STEP == 0 && (start_ns..end_ns).contains(&time_ns);
+        for player in &mut players {
+            // What is refused is counted.
+            if let Some(hands_m) = hands_m.filter(|_| is_pose) {
+                let _ = player.mapper.push(Event::hands(time_ns, hands_m));
+            }
+            let _ = player.mapper.push(event.clone());
+            if is_step {
+                player.step(time_ns, time_s, hands_m.unwrap_or_default(), &mut on_update);
+            }
+        }
+        poses += usize::from(is_pose);
+    }
+    players.into_iter().map(Player::end).collect()
+}
+
+/// The chain with one setting.
+struct Player<'s> {
+    settings: &'s Settings,
     mapper: Mapper,
     tracker: WarningTracker,
     scene: Scene,
     evidence_ns: Option<i64>,
     scorer: Scorer<'s>,
-    on_update: L,
 }
 
-impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
-    fn new(session: &'s Session, trial: &'s PlayTrial, on_update: L) -> Self {
+impl<'s> Player<'s> {
+    fn new(session: &'s Session, settings: &'s Settings) -> Self {
         let play = session.play();
         Self {
-            session,
-            trial,
-            mapper: Mapper::new(&play.config, &play.head_from_sensor, &trial.settings.mapping()),
+            settings,
+            mapper: Mapper::new(&play.config, &play.head_from_sensor, &settings.mapping()),
             tracker: WarningTracker::new(),
             scene: Scene::default(),
             evidence_ns: None,
-            scorer: Scorer::new(session, trial.settings.rooms.tracks.confirm_log_odds),
-            on_update,
+            scorer: Scorer::new(session, settings.rooms.tracks.confirm_log_odds),
         }
     }
 
-    fn play(mut self) -> Figures {
-        let start_ns = Session::host_ns(0.0);
-        let end_ns = Session::host_ns(self.session.play().duration_s);
-        let mut poses = 0;
-        for event in in_time_order(Frames::new(self.session), self.session.poses()) {
-            let (time_ns, is_pose) = (event.time_ns(), matches!(event, Event::Pose(_)));
-            if let Some(hands_m) = self.tracked_hands(time_ns).filter(|_| is_pose) {
-                let _ = self.mapper.push(Event::hands(time_ns, hands_m));
-            }
-            // What is refused is counted.
-            let _ = self.mapper.push(event);
-            if !is_pose {
-                continue;
-            }
-            if poses % POSES_PER_STEP == 0 && (start_ns..end_ns).contains(&time_ns) {
-                self.step(time_ns, (time_ns - start_ns) as f64 * 1e-9);
-            }
-            poses += 1;
-        }
-        let reports = self.scene.obstacles.len();
-        self.scorer.end(reports)
-    }
-
-    /// Positions of the controllers, if they are tracked.
-    fn tracked_hands(&self, time_ns: i64) -> Option<HandsM> {
-        let time_s = (time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
-        let hands = self.session.hands_at(time_s).filter(|_| self.trial.controllers)?;
-        Some(hands.map(Some))
-    }
-
-    fn step(&mut self, time_ns: i64, time_s: f64) {
+    fn step(
+        &mut self,
+        time_ns: i64,
+        time_s: f64,
+        hands_m: HandsM,
+        on_update: &mut impl FnMut(f64, &[ScoredCandidate]),
+    ) {
         let evidence_ns = self.mapper.evidence_ns();
         if evidence_ns != self.evidence_ns {
             self.evidence_ns = evidence_ns;
             self.scene = self.mapper.scene();
             self.scorer.note_detections(time_s, self.mapper.scored_candidates());
-            (self.on_update)(time_s, self.mapper.scored_candidates());
+            on_update(time_s, self.mapper.scored_candidates());
             self.tracker.update(&self.scene);
         }
         let Some((_, tracking_from_head)) = self.mapper.head() else { return };
-        let hands_m = self.tracked_hands(time_ns).unwrap_or_default();
         let player = Wearer { time_ns, tracking_from_head, hands_m };
-        let warnings = self.tracker.warn(&player, &self.trial.settings.warning);
+        let warnings = self.tracker.warn(&player, &self.settings.warning);
         let shown = self.shown(&warnings);
         self.scorer.step(time_s, &self.scene, &shown);
     }
@@ -148,6 +151,11 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
             points_m: shapes.iter().flat_map(|shape| shape.points_m.iter().copied()).collect(),
             planes: walls.filter_map(plane).collect(),
         }
+    }
+
+    fn end(self) -> Figures {
+        let reports = self.scene.obstacles.len();
+        self.scorer.end(reports)
     }
 }
 
