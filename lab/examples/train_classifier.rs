@@ -17,7 +17,7 @@ use std::ops::Range;
 
 use a121::preset;
 use anyhow::{Context, Result, bail};
-use lab::experiments::{PlayTrial, TrainingSet};
+use lab::experiments::{PlayTrial, PlayerSetup, TrainingSet};
 use radar_chaperone::settings::Settings;
 use radar_mapping::{FEATURES, Model};
 use radar_simulation::{Headset, PlaySession, PlayWorld, SensorEffects};
@@ -70,7 +70,8 @@ fn played(world: PlayWorld, seeds: Range<u64>, command: &str) -> Result<Training
         };
         let mut settings = Settings::default();
         settings.rooms.tracks.confirm_log_odds = confirm_log_odds;
-        let trial = PlayTrial { session, settings: vec![settings], controllers: false };
+        let players = vec![PlayerSetup { settings, tracking: session.errors }];
+        let trial = PlayTrial { session, players, controllers: false };
         let seeds: Vec<u64> = seeds.clone().skip(n).step_by(SESSIONS.len()).collect();
         examples = examples.merged(TrainingSet::of(&trial, &seeds, command)?);
     }

@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::check_targets;
 use a121::PRESETS;
-use lab::experiments::{Figures, PlayTrial, Rates, by_kind, false_reports, missed, totals};
+use lab::experiments::{Figures, PlayTrial, PlayerSetup, Rates, by_kind, false_reports, missed, totals};
 use lab::results::{Page, PlayOutcome, Provenance, curve_chart, curve_page_body, curve_table, played};
 use radar_chaperone::app::progress;
 use radar_chaperone::outln;
@@ -59,9 +59,10 @@ pub struct PlaySessions {
     /// office, dining, living
     #[arg(long, default_value = "points", value_parser = clap::builder::PossibleValuesParser::new(PlayWorld::NAMES))]
     world: String,
-    /// How well the headset is tracked
-    #[arg(long, default_value = "nominal", value_parser = clap::builder::PossibleValuesParser::new(Headset::NAMES))]
-    headset: String,
+    /// How well the headset is tracked; several play the same sessions
+    #[arg(long, value_delimiter = ',', default_value = "nominal",
+          value_parser = clap::builder::PossibleValuesParser::new(Headset::NAMES))]
+    headset: Vec<String>,
     /// Imperfections of the sensor: none, measured, or a list of jitter, leakage, ringing,
     /// range_bias, warm_up, interference, profile_noise, each with =STRENGTH if it is not 1
     #[arg(long, default_value = "measured")]
@@ -82,10 +83,11 @@ pub struct PlaySessions {
 }
 
 /// A setting that is played beside others, with the same sessions.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Variant {
     /// What the outcome's name has after the preset's.
     name: String,
+    headset: Headset,
     odds: Option<f64>,
     changes: Vec<String>,
 }
@@ -102,12 +104,15 @@ impl PlaySessions {
             Some(path) => std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?,
             None => String::new(),
         };
-        let variants = self.variants();
-        let settings = variants.iter().map(|variant| self.settings(&text, variant)).collect::<Result<Vec<_>>>()?;
+        let variants = self.with_headsets(&self.variants())?;
+        let player = |variant: &Variant| {
+            Ok(PlayerSetup { settings: self.settings(&text, variant)?, tracking: variant.headset.errors() })
+        };
+        let players = variants.iter().map(player).collect::<Result<Vec<_>>>()?;
         let start = Instant::now();
         let mut outcomes = Vec::new();
         for preset in &self.presets {
-            outcomes.extend(self.play(preset, &variants, &settings)?);
+            outcomes.extend(self.play(preset, &variants, &players)?);
         }
         if outcomes.len() > 1 {
             outln!("{}", curve_table(&outcomes).aligned())?;
@@ -121,31 +126,44 @@ impl PlaySessions {
             name: format!(", odds {odds}"),
             odds: Some(*odds),
             changes: vec![format!("rooms.tracks.confirm_log_odds={odds:?}")],
+            ..Variant::default()
         };
         if !self.odds.is_empty() {
             return self.odds.iter().map(with_odds).collect();
         }
         let others = self.variant.iter().map(|text| Variant {
             name: format!(", {text}"),
-            odds: None,
             changes: text.split_whitespace().map(str::to_owned).collect(),
+            ..Variant::default()
         });
         std::iter::once(Variant::default()).chain(others).collect()
     }
 
+    /// Each variant with each headset.
+    fn with_headsets(&self, variants: &[Variant]) -> Result<Vec<Variant>> {
+        let mut all = Vec::new();
+        for name in &self.headset {
+            let headset = Headset::from_name(name)?;
+            let named = |variant: &Variant| match self.headset.len() {
+                1 => variant.name.clone(),
+                _ => format!(", {name}{}", variant.name),
+            };
+            all.extend(variants.iter().map(|variant| Variant { name: named(variant), headset, ..variant.clone() }));
+        }
+        Ok(all)
+    }
+
     /// Plays every room with every variant.
-    fn play(&self, preset: &str, variants: &[Variant], settings: &[Settings]) -> Result<Vec<PlayOutcome>> {
+    fn play(&self, preset: &str, variants: &[Variant], players: &[PlayerSetup]) -> Result<Vec<PlayOutcome>> {
         let rooms = self.rooms.unwrap_or(if self.quick { 2 } else { 10 });
         let minutes = self.minutes.unwrap_or(if self.quick { 1.0 } else { 10.0 });
         let seeds: Vec<u64> = (0..rooms).map(|n| self.seed.wrapping_add(n)).collect();
         let bar = progress::bar(rooms, &format!("playing with {preset}"));
-        let errors = Headset::from_name(&self.headset)?.errors();
         let world = PlayWorld::from_name(&self.world)?;
         if self.walls_db != 0.0 && world != PlayWorld::Points {
             bail!("--walls-db is for rooms of points: the walls of {} are of their material", self.world);
         }
         let adapt = |trial: &mut PlayTrial| {
-            trial.session.errors = errors;
             trial.session.effects = self.effects;
             trial.session.world = world;
             trial.session.walls_db = self.walls_db;
@@ -154,10 +172,10 @@ impl PlaySessions {
             trial.session.visitor = !self.lacks("visitor");
             trial.controllers = self.controllers;
         };
-        let played = played(preset, settings.to_vec(), &seeds, minutes, adapt, || bar.inc(1))?;
+        let played = played(preset, players.to_vec(), &seeds, minutes, adapt, || bar.inc(1))?;
         bar.finish_and_clear();
         let mut outcomes = Vec::new();
-        for (Variant { name, odds, .. }, figures) in variants.iter().zip(played) {
+        for (Variant { name, headset, odds, .. }, figures) in variants.iter().zip(played) {
             let name = format!("{preset}{name}");
             outln!("{name}: {rooms} rooms of {minutes} min from seed {} on", self.seed)?;
             for table in tables(&figures) {
@@ -166,7 +184,7 @@ impl PlaySessions {
             if self.each {
                 print_each(&figures)?;
             }
-            outcomes.push(PlayOutcome { name, preset: preset.into(), odds: *odds, figures });
+            outcomes.push(PlayOutcome { name, preset: preset.into(), headset: *headset, odds: *odds, figures });
         }
         Ok(outcomes)
     }
@@ -186,9 +204,9 @@ impl PlaySessions {
             outln!("Written to {}", folder.join("play.md").display())?;
         }
         if let Some(path) = &self.json {
-            let rows = played.iter().map(|PlayOutcome { name, preset, odds, figures }| {
+            let rows = played.iter().map(|PlayOutcome { name, preset, headset, odds, figures }| {
                 json!({"name": name, "preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "without": self.without, "walls_db": self.walls_db,
-                    "headset": self.headset, "effects": self.effects, "world": self.world,
+                    "headset": headset, "effects": self.effects, "world": self.world,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})
             });

@@ -3,11 +3,11 @@
 use anyhow::{Result, anyhow};
 
 use super::{Extent, Page};
-use crate::experiments::{Figures, PlayTrial, by_kind, curve, play, totals};
+use crate::experiments::{Figures, PlayTrial, PlayerSetup, by_kind, curve, play, totals};
 use a121::preset;
 use radar_chaperone::report::{Chart, Series, Table};
 use radar_chaperone::settings::Settings;
-use radar_simulation::{PlaySession, SensorEffects};
+use radar_simulation::{Headset, PlaySession, SensorEffects};
 
 /// First of the seeds. Choice: nothing was tuned or trained on these.
 const FIRST_SEED: u64 = 1000;
@@ -21,20 +21,22 @@ pub struct PlayOutcome {
     pub name: String,
     /// The sensor's preset.
     pub preset: String,
+    /// How the headset is tracked.
+    pub headset: Headset,
     /// The minimum log odds, if it was set.
     pub odds: Option<f64>,
     /// All sessions together.
     pub figures: Figures,
 }
 
-/// Plays `seeds` with a preset, each with every one of the settings; `adapt` changes the trial. `done`
-/// is called when each session is over. Returns the figures of each setting.
+/// Plays `seeds` with a preset and each of the players; `adapt` changes the trial. `done` is called when
+/// each session is over. Returns the figures of each player.
 ///
 /// # Errors
-/// Settings that do not exist, a preset that does not exist, sessions that cannot be simulated.
+/// A preset that does not exist, sessions that cannot be simulated.
 pub fn played(
     preset_name: &str,
-    settings: Vec<Settings>,
+    players: Vec<PlayerSetup>,
     seeds: &[u64],
     minutes: f64,
     adapt: impl Fn(&mut PlayTrial),
@@ -43,20 +45,27 @@ pub fn played(
     let config = preset(preset_name).ok_or_else(|| anyhow!("there is no preset {preset_name:?}"))?;
     let effects = SensorEffects::MEASURED;
     let session = PlaySession { duration_s: 60.0 * minutes, effects, ..PlaySession::new(config, 0) };
-    let mut trial = PlayTrial { session, settings, controllers: false };
+    let mut trial = PlayTrial { session, players, controllers: false };
     adapt(&mut trial);
-    let mut sums = vec![Figures::default(); trial.settings.len()];
+    let mut sums = vec![Figures::default(); trial.players.len()];
     for of_seed in play(&trial, seeds, |_| done())? {
         sums.iter_mut().zip(of_seed).for_each(|(sum, one)| sum.add(one));
     }
     Ok(sums)
 }
 
+/// Players with the nominal headset, one for each of the settings.
+fn with_nominal_headset(settings: impl IntoIterator<Item = Settings>) -> Vec<PlayerSetup> {
+    let tracking = Headset::Nominal.errors();
+    settings.into_iter().map(|settings| PlayerSetup { settings, tracking }).collect()
+}
+
 pub(super) fn page(extent: Extent) -> Result<Page> {
     let seeds: Vec<u64> = (0..extent.choose(10, 1)).map(|n| FIRST_SEED + n).collect();
     let minutes = extent.choose(10.0, 0.5);
     let of = |adapt: fn(&mut PlayTrial)| {
-        Ok::<_, anyhow::Error>(played("d16", vec![Settings::default()], &seeds, minutes, adapt, || ())?.swap_remove(0))
+        let player = with_nominal_headset([Settings::default()]);
+        Ok::<_, anyhow::Error>(played("d16", player, &seeds, minutes, adapt, || ())?.swap_remove(0))
     };
     let usual = of(|_| ())?;
     let controllers = of(|trial| trial.controllers = true)?;
@@ -106,11 +115,12 @@ fn curves(extent: Extent) -> Result<Vec<PlayOutcome>> {
             }
             Settings::from_toml("", &changes)
         };
-        let settings = all_odds.iter().map(with_odds).collect::<Result<_, _>>()?;
-        let played = played(preset, settings, &seeds, extent.choose(3.0, 0.5), |_| (), || ())?;
+        let settings = all_odds.iter().map(with_odds).collect::<Result<Vec<_>, _>>()?;
+        let played = played(preset, with_nominal_headset(settings), &seeds, extent.choose(3.0, 0.5), |_| (), || ())?;
         for (odds, figures) in all_odds.into_iter().zip(played) {
             let name = format!("{preset}, odds {odds}");
-            outcomes.push(PlayOutcome { name, preset: preset.into(), odds: Some(odds), figures });
+            let (preset, headset) = (preset.to_owned(), Headset::Nominal);
+            outcomes.push(PlayOutcome { name, preset, headset, odds: Some(odds), figures });
         }
     }
     Ok(outcomes)

@@ -346,8 +346,13 @@ impl Session {
 
     /// The tracked poses of the head.
     pub fn poses(&self) -> impl Iterator<Item = PoseSample> + '_ {
-        let mut tracker = Tracker::new(self.play.errors, self.play.seed);
-        let rate_hz = self.play.errors.rate_hz;
+        self.poses_tracked_with(self.play.errors)
+    }
+
+    /// The same head as another headset tracks it. The sensor's mount remains that of the session's own errors.
+    pub fn poses_tracked_with(&self, errors: TrackingErrors) -> impl Iterator<Item = PoseSample> + '_ {
+        let mut tracker = Tracker::new(errors, self.play.seed);
+        let rate_hz = errors.rate_hz;
         let count = ((self.play.duration_s + 2.0 * MARGIN_S) * rate_hz).floor() as u64 + 1;
         (0..count).map(move |n| {
             let time_s = n as f64 / rate_hz - MARGIN_S;

@@ -14,4 +14,4 @@ pub use figures::{Approach, Cause, Detected, FalseReport, Figures, Rates, Remova
 pub use moving::MovingFigures;
 pub use present::{by_kind, curve, false_reports, missed, totals};
 pub(in crate::experiments) use run::for_each_update;
-pub use run::{PlayError, PlayTrial, play};
+pub use run::{PlayError, PlayTrial, PlayerSetup, play};

@@ -1,6 +1,8 @@
 //! Plays sessions through the whole chain: frames and poses into the mapper, its scenes into the
 //! warnings, scored against the truth thirty times a second.
 
+use std::iter::Peekable;
+
 use radar_mapping::{Event, in_time_order};
 use rayon::prelude::*;
 
@@ -12,18 +14,27 @@ use radar_chaperone::settings::Settings;
 use radar_chaperone::warning::{PanelKind, WarningTracker, Warnings, Wearer};
 use radar_mapping::Mapper;
 use radar_mapping::{HandsM, Scene, ScoredCandidate};
-use radar_simulation::{PlaySession, Session, SessionError};
+use radar_sar::PoseSample;
+use radar_simulation::{PlaySession, Session, SessionError, TrackingErrors};
 
-/// Sessions to play, and the settings to play them with.
+/// Sessions to play, and who plays them.
 #[derive(Debug, Clone)]
 pub struct PlayTrial {
     /// The session; its seed is replaced.
     pub session: PlaySession,
-    /// The settings, each played with the same frames and poses. Mount and sensor configuration
-    /// come from the session.
-    pub settings: Vec<Settings>,
-    /// Whether the player's controllers are tracked.
+    /// Each plays every session, with the same sweeps and the same true motion.
+    pub players: Vec<PlayerSetup>,
+    /// Whether the players' controllers are tracked.
     pub controllers: bool,
+}
+
+/// The program and the headset that a session is played with.
+#[derive(Debug, Clone)]
+pub struct PlayerSetup {
+    /// Mount and sensor configuration come from the session.
+    pub settings: Settings,
+    /// Errors of the headset's tracking; that of the mount comes from the session.
+    pub tracking: TrackingErrors,
 }
 
 /// Why there are no figures.
@@ -41,7 +52,7 @@ const BATCH_S: f64 = 4.0;
 /// cm at walking speed.
 const POSES_PER_STEP: usize = 4;
 
-/// Plays one session per seed and returns the figures `[seed][setting]`, in their order. `done` is
+/// Plays one session per seed and returns the figures `[seed][player]`, in their order. `done` is
 /// called when each session is over. The result does not depend on the number of threads.
 ///
 /// # Errors
@@ -49,56 +60,48 @@ const POSES_PER_STEP: usize = 4;
 pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64) + Sync) -> Result<Vec<Vec<Figures>>, PlayError> {
     let play_one = |&seed: &u64| -> Result<Vec<Figures>, PlayError> {
         let session = PlaySession { seed, ..trial.session.clone() }.prepare()?;
-        let figures = play_session(&session, trial, |_, _| ());
+        let mut players = players(&session, trial);
+        for frames in batches(&session) {
+            players.par_iter_mut().for_each(|player| player.play(&frames, |_, _| ()));
+        }
         done(seed);
-        Ok(figures)
+        Ok(players.into_iter().map(Player::end).collect())
     };
     seeds.par_iter().map(play_one).collect()
 }
 
-/// Plays one session. `on_update` is called after each update of the map of each setting with the
-/// time, seconds, and the scored detections.
+/// Plays one session. `on_update` is called after each update of each player's map with the time,
+/// seconds, and the scored detections.
 pub(in crate::experiments) fn for_each_update(
     session: &Session,
     trial: &PlayTrial,
-    on_update: impl FnMut(f64, &[ScoredCandidate]),
-) {
-    play_session(session, trial, on_update);
-}
-
-/// The figures of each setting.
-fn play_session(
-    session: &Session,
-    trial: &PlayTrial,
     mut on_update: impl FnMut(f64, &[ScoredCandidate]),
-) -> Vec<Figures> {
-    let start_ns = Session::host_ns(0.0);
-    let end_ns = Session::host_ns(session.play().duration_s);
-    let mut players: Vec<Player> = trial.settings.iter().map(|settings| Player::new(session, settings)).collect();
-    let mut poses = 0;
-    for event in in_time_order(Frames::new(session), session.poses()) {
-        let (time_ns, is_pose) = (event.time_ns(), matches!(event, Event::Pose(_)));
-        let time_s = (time_ns - start_ns) as f64 * 1e-9;
-        let hands_m = session.hands_at(time_s).filter(|_| trial.controllers).map(|hands| hands.map(Some));
-        let is_step = is_pose && poses % POSES_PER_STEP == 0 && (start_ns..end_ns).contains(&time_ns);
-        for player in &mut players {
-            // What is refused is counted.
-            if let Some(hands_m) = hands_m.filter(|_| is_pose) {
-                let _ = player.mapper.push(Event::hands(time_ns, hands_m));
-            }
-            let _ = player.mapper.push(event.clone());
-            if is_step {
-                player.step(time_ns, time_s, hands_m.unwrap_or_default(), &mut on_update);
-            }
-        }
-        poses += usize::from(is_pose);
+) {
+    let mut players = players(session, trial);
+    for frames in batches(session) {
+        players.iter_mut().for_each(|player| player.play(&frames, &mut on_update));
     }
-    players.into_iter().map(Player::end).collect()
 }
 
-/// The chain with one setting.
+fn players<'s>(session: &'s Session, trial: &'s PlayTrial) -> Vec<Player<'s>> {
+    trial.players.iter().map(|setup| Player::new(session, setup, trial.controllers)).collect()
+}
+
+/// A session's frames, simulated some seconds at a time.
+fn batches(session: &Session) -> impl Iterator<Item = Vec<Frame>> + '_ {
+    let batch = (BATCH_S / frame_timing(&session.play().config).frame_period_s).ceil() as usize;
+    let count = session.frame_count();
+    (0..count).step_by(batch).map(move |first| session.frames(first..(first + batch as u64).min(count)))
+}
+
+/// The chain with one setting and one headset.
 struct Player<'s> {
+    session: &'s Session,
     settings: &'s Settings,
+    controllers: bool,
+    /// Poses to come.
+    poses: Peekable<Box<dyn Iterator<Item = PoseSample> + Send + 's>>,
+    taken_poses: usize,
     mapper: Mapper,
     tracker: WarningTracker,
     scene: Scene,
@@ -107,16 +110,48 @@ struct Player<'s> {
 }
 
 impl<'s> Player<'s> {
-    fn new(session: &'s Session, settings: &'s Settings) -> Self {
-        let play = session.play();
+    fn new(session: &'s Session, setup: &'s PlayerSetup, controllers: bool) -> Self {
+        let (play, settings) = (session.play(), &setup.settings);
+        let poses: Box<dyn Iterator<Item = PoseSample> + Send + 's> =
+            Box::new(session.poses_tracked_with(setup.tracking));
         Self {
+            session,
             settings,
+            controllers,
+            poses: poses.peekable(),
+            taken_poses: 0,
             mapper: Mapper::new(&play.config, &play.head_from_sensor, &settings.mapping()),
             tracker: WarningTracker::new(),
             scene: Scene::default(),
             evidence_ns: None,
             scorer: Scorer::new(session, settings.rooms.tracks.confirm_log_odds),
         }
+    }
+
+    /// Takes the next frames and the poses up to the last of them.
+    fn play(&mut self, frames: &[Frame], mut on_update: impl FnMut(f64, &[ScoredCandidate])) {
+        let Some(until_ns) = frames.last().map(|frame| frame.host_time_ns) else { return };
+        let poses: Vec<PoseSample> =
+            std::iter::from_fn(|| self.poses.next_if(|pose| pose.time_ns <= until_ns)).collect();
+        for event in in_time_order(frames.iter().cloned(), poses) {
+            self.take(event, &mut on_update);
+        }
+    }
+
+    fn take(&mut self, event: Event, on_update: &mut impl FnMut(f64, &[ScoredCandidate])) {
+        let (time_ns, is_pose) = (event.time_ns(), matches!(event, Event::Pose(_)));
+        let start_ns = Session::host_ns(0.0);
+        let time_s = (time_ns - start_ns) as f64 * 1e-9;
+        let hands_m = self.session.hands_at(time_s).filter(|_| self.controllers).map(|hands| hands.map(Some));
+        // What is refused is counted.
+        if let Some(hands_m) = hands_m.filter(|_| is_pose) {
+            let _ = self.mapper.push(Event::hands(time_ns, hands_m));
+        }
+        let _ = self.mapper.push(event);
+        if is_pose && self.taken_poses % POSES_PER_STEP == 0 && time_ns >= start_ns {
+            self.step(time_ns, time_s, hands_m.unwrap_or_default(), on_update);
+        }
+        self.taken_poses += usize::from(is_pose);
     }
 
     fn step(
@@ -156,34 +191,5 @@ impl<'s> Player<'s> {
     fn end(self) -> Figures {
         let reports = self.scene.obstacles.len();
         self.scorer.end(reports)
-    }
-}
-
-/// A session's frames one by one, simulated some seconds at a time.
-struct Frames<'s> {
-    session: &'s Session,
-    next: u64,
-    batch: std::vec::IntoIter<Frame>,
-}
-
-impl<'s> Frames<'s> {
-    fn new(session: &'s Session) -> Self {
-        Self { session, next: 0, batch: Vec::new().into_iter() }
-    }
-
-    fn simulate(&mut self) -> Option<Frame> {
-        let batch = (BATCH_S / frame_timing(&self.session.play().config).frame_period_s).ceil() as u64;
-        let until = (self.next + batch).min(self.session.frame_count());
-        self.batch = self.session.frames(self.next..until).into_iter();
-        self.next = until;
-        self.batch.next()
-    }
-}
-
-impl Iterator for Frames<'_> {
-    type Item = Frame;
-
-    fn next(&mut self) -> Option<Frame> {
-        self.batch.next().or_else(|| self.simulate())
     }
 }
