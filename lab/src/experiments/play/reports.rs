@@ -99,9 +99,8 @@ impl<'s> ReportScorer<'s> {
     fn is_real(&self, time_s: f64, point: DVec3, targets: &[Target<'s>]) -> bool {
         // A removed object counts as present here: how long it stays reported is measured
         // separately.
-        let distances = targets.iter().map(|target| target.distance_to_m(point));
         let person = self.visitor.iter().filter(|(at_s, _)| time_s - at_s <= MOVED_AWAY_GRACE_S);
-        distances.fold(f64::INFINITY, f64::min) <= FALSE_REPORT_M
+        targets.iter().any(|target| target.is_at(point))
             || self.session.walls().iter().any(|wall| wall.distance_m(point) <= FALSE_REPORT_M)
             || person.flat_map(|(_, parts)| parts).any(|part| part.distance(point) <= PERSON_RADIUS_M)
     }

@@ -113,7 +113,7 @@ impl<'s> Scorer<'s> {
             self.targets
                 .iter()
                 .filter(|t| t.until_s.is_infinite())
-                .any(|target| target.distance_to_m(point) <= FALSE_REPORT_M)
+                .any(|target| target.is_at(point))
         };
         let of_it = |point: DVec3| parts.iter().any(|part| part.position_m.distance(point) <= FALSE_REPORT_M);
         let is_known = scene.obstacles.iter().any(|o| of_it(o.position_m) && !stays(o.position_m));

@@ -72,6 +72,8 @@ pub(super) struct PastDetection {
 pub(super) struct Target<'s> {
     pub geometry: TargetGeometry<'s>,
     pub kind: String,
+    /// The box around an object's scatterers; `None` for walls.
+    around: Option<Aabb>,
     /// Time at which it is carried away, seconds.
     pub until_s: f64,
     /// What the sensor receives of it, and the time for which that was computed, seconds.
@@ -114,9 +116,14 @@ struct OpenApproach {
 impl<'s> Target<'s> {
     /// Not approached yet; `name` is its kind.
     pub fn new(geometry: TargetGeometry<'s>, name: &str, until_s: f64) -> Self {
+        let around = match &geometry {
+            TargetGeometry::Object(_, parts) => Aabb::around(parts.iter().map(|part| part.position_m)),
+            TargetGeometry::Wall(_) => None,
+        };
         Self {
             geometry,
             kind: name.into(),
+            around,
             until_s,
             illumination: (Illumination::default(), f64::NEG_INFINITY),
             in_beam_s: 0.0,
@@ -141,6 +148,12 @@ impl<'s> Target<'s> {
         }
     }
 
+    /// Whether a report at a point is of it; false for walls.
+    pub fn is_at(&self, point: DVec3) -> bool {
+        let may_be = self.around.is_some_and(|around| around.distance(point) <= FALSE_REPORT_M);
+        may_be && self.distance_to_m(point) <= FALSE_REPORT_M
+    }
+
     /// Its approach with what was detected of it in the seconds before the deadline.
     pub fn with_detected(
         &self,
@@ -153,7 +166,7 @@ impl<'s> Target<'s> {
         }
         let before_s = |past: &PastDetection| approach.deadline_s - past.time_s;
         let recent = detections.iter().filter(|past| (0.0..DETECTED_S).contains(&before_s(past)));
-        let own: Vec<_> = recent.filter(|past| self.distance_to_m(past.position_m) <= FALSE_REPORT_M).collect();
+        let own: Vec<_> = recent.filter(|past| self.is_at(past.position_m)).collect();
         let new = || own.iter().filter(|past| past.may_be_new);
         let log_odds = new().map(|past| past.log_odds).reduce(f64::max);
         let detected = Detected {
@@ -177,9 +190,7 @@ impl<'s> Target<'s> {
 
     fn is_shown(&self, shown: &ShownWarnings) -> bool {
         match self.geometry {
-            TargetGeometry::Object(..) => {
-                shown.points_m.iter().any(|point| self.distance_to_m(*point) <= FALSE_REPORT_M)
-            }
+            TargetGeometry::Object(..) => shown.points_m.iter().any(|point| self.is_at(*point)),
             TargetGeometry::Wall(wall) => shown.planes.iter().any(|plane| is_same_plane(plane, &wall.plane)),
         }
     }
@@ -241,17 +252,16 @@ impl<'s> Target<'s> {
 
     /// Updates the approach, if there is one; returns it when it is over.
     fn update_approach(&mut self, time_s: f64, is_due: bool, head: &Pose, scene: &Scene) -> Option<Approach> {
-        if self.approach.is_none() && self.distance_m < Rates::NEAR_M {
-            self.approach =
-                Some(OpenApproach { nearest: self.current_approach(time_s, head, scene), is_scored: false });
+        if let Some(open) = &self.approach {
+            if !open.is_scored && (is_due || self.distance_m <= open.nearest.deadline_m) {
+                let is_first = open.nearest.is_first;
+                let nearest = Approach { is_first, ..self.current_approach(time_s, head, scene) };
+                self.approach = Some(OpenApproach { nearest, is_scored: is_due });
+            }
+        } else if self.distance_m < Rates::NEAR_M {
+            let nearest = self.current_approach(time_s, head, scene);
+            self.approach = Some(OpenApproach { nearest, is_scored: is_due });
             self.approached = true;
-        }
-        let now = self.current_approach(time_s, head, scene);
-        let open = self.approach.as_mut()?;
-        let is_first = open.nearest.is_first;
-        if !open.is_scored && (is_due || now.deadline_m <= open.nearest.deadline_m) {
-            open.nearest = Approach { is_first, ..now };
-            open.is_scored = is_due;
         }
         if self.distance_m > APPROACH_END_M { self.end() } else { None }
     }
@@ -262,8 +272,8 @@ impl<'s> Target<'s> {
     }
 
     fn current_approach(&self, time_s: f64, head: &Pose, scene: &Scene) -> Approach {
-        let errors_m =
-            scene.obstacles.iter().map(|o| self.distance_to_m(o.position_m)).filter(|m| *m <= FALSE_REPORT_M).collect();
+        let of_it = scene.obstacles.iter().filter(|obstacle| self.is_at(obstacle.position_m));
+        let errors_m = of_it.map(|obstacle| self.distance_to_m(obstacle.position_m)).collect();
         Approach {
             kind: self.kind.clone(),
             deadline_s: time_s,
@@ -283,8 +293,7 @@ impl<'s> Target<'s> {
     /// object's scatterers.
     fn bound_errors(&self, head: &Pose, scene: &Scene) -> Option<BoundErrors> {
         let TargetGeometry::Object(_, parts) = self.geometry else { return None };
-        let of_it =
-            || scene.obstacles.iter().filter(|obstacle| self.distance_to_m(obstacle.position_m) <= FALSE_REPORT_M);
+        let of_it = || scene.obstacles.iter().filter(|obstacle| self.is_at(obstacle.position_m));
         let cell_m = of_it().map(Obstacle::cell_m).fold(0.0, f64::max);
         let shown: Vec<DVec3> = of_it().flat_map(|obstacle| obstacle.shape.iter().map(|cell| cell.0)).collect();
         let there: Vec<DVec3> = parts.iter().map(|part| part.position_m).collect();
