@@ -55,13 +55,14 @@ mod truth_builder;
 mod world;
 
 pub use arm::{ARM_M, ARM_REST_S};
+pub use echoes::DiffuseEchoes;
 pub use headset::{Headset, HeadsetError};
 pub use live::LiveScenario;
 pub use motion::{MOTIONS, Motion, MotionError};
 pub use room::{Room, Scatterer, SceneObject, WallPanel};
 pub use scenario::{Scenario, ScenarioError, Simulated};
 pub use scenes::{SCENES, Scene, SceneError, scene};
-pub use sensor::{EffectsError, SensorEffects};
+pub use sensor::{EffectsError, RecordedSensor, RecordedSensorError, SensorEffects};
 pub use session::{PlaySession, PlayWorld, PlayWorldError, Session, SessionError, SessionObject, SessionWall};
 pub use strokes::{ChairWalk, ToAndFro};
 pub use tracker::{TrackingErrors, normal_vector};

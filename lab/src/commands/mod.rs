@@ -5,9 +5,13 @@ mod experiment;
 mod play_sessions;
 mod results;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use a121::vendor_h5::VendorRecording;
 use anyhow::{Context, Result, bail};
+use radar_chaperone::outln;
+use radar_simulation::RecordedSensor;
 
 pub use benchmark::BenchmarkCommand;
 pub use experiment::ExperimentCommand;
@@ -35,4 +39,23 @@ fn check_targets(json: Option<&Path>, out: Option<&Path>, names_in_out: &[&str])
 
 fn make_folder(folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make folder {}", folder.display()))
+}
+
+/// Jitter and noise of recordings of the sensor at rest; without recordings, the model's are used.
+fn recorded_sensor(paths: &[PathBuf]) -> Result<Option<Arc<RecordedSensor>>> {
+    let read = |path: &PathBuf| {
+        VendorRecording::read(path).with_context(|| format!("cannot read the recording {}", path.display()))
+    };
+    let recordings = paths.iter().map(read).collect::<Result<Vec<_>>>()?;
+    if recordings.is_empty() {
+        return Ok(None);
+    }
+    let scenes = recordings.iter().map(|recording| (&recording.config, recording.frames.as_slice()));
+    let recorded = RecordedSensor::of_scenes_at_rest(scenes)?;
+    let jitter = match recorded.phase_jitter() {
+        Some((rms_rad, hwaas)) => format!("recorded, {rms_rad:.3} rad with HWAAS {hwaas}"),
+        None => "by the model".into(),
+    };
+    outln!("Jitter: {jitter}; noise: {}", if recorded.has_noise() { "recorded" } else { "by the model" })?;
+    Ok(Some(Arc::new(recorded)))
 }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde_json::json;
 
-use super::check_targets;
+use super::{check_targets, recorded_sensor};
 use a121::PRESETS;
 use lab::experiments::{Figures, PlayTrial, PlayerSetup, Rates, by_kind, false_reports, missed, totals};
 use lab::results::{Page, PlayOutcome, Provenance, curve_chart, curve_page_body, curve_table, played};
@@ -15,7 +15,7 @@ use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::{Table, write_atomically};
 use radar_chaperone::settings::Settings;
-use radar_simulation::{Headset, PlayWorld, SensorEffects};
+use radar_simulation::{DiffuseEchoes, Headset, PlayWorld, SensorEffects};
 
 /// Simulates play sessions in furnished rooms and scores the warnings
 #[derive(Debug, Args)]
@@ -67,6 +67,16 @@ pub struct PlaySessions {
     /// range_bias, warm_up, interference, profile_noise, each with =STRENGTH if it is not 1
     #[arg(long, default_value = "measured")]
     effects: SensorEffects,
+    /// Jitter and noise of these recordings of the sensor at rest (.h5 of the vendor) instead of the
+    /// measured model's
+    #[arg(long, value_name = "FILE", value_delimiter = ',')]
+    sensor_recording: Vec<PathBuf>,
+    /// Factor of the spacing of the points that stand for rough surfaces; not in points
+    #[arg(long, default_value_t = 1.0)]
+    spacing: f64,
+    /// Added to the diffuse echoes of surfaces, dB; not in points
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    diffuse_db: f64,
     /// Plays the same at each of these values of rooms.tracks.confirm_log_odds: the curve of detections
     /// against false reports
     #[arg(long, value_name = "ODDS", value_delimiter = ',', allow_hyphen_values = true)]
@@ -163,7 +173,14 @@ impl PlaySessions {
         if self.walls_db != 0.0 && world != PlayWorld::Points {
             bail!("--walls-db is for rooms of points: the walls of {} are of their material", self.world);
         }
+        let diffuse = DiffuseEchoes { spacing: self.spacing, level_db: self.diffuse_db };
+        if diffuse != DiffuseEchoes::default() && world == PlayWorld::Points {
+            bail!("--spacing and --diffuse-db are for rooms of surfaces: give --world");
+        }
+        let recorded = recorded_sensor(&self.sensor_recording)?;
         let adapt = |trial: &mut PlayTrial| {
+            trial.session.diffuse = diffuse;
+            trial.session.recorded.clone_from(&recorded);
             trial.session.effects = self.effects;
             trial.session.world = world;
             trial.session.walls_db = self.walls_db;
@@ -207,6 +224,7 @@ impl PlaySessions {
             let rows = played.iter().map(|PlayOutcome { name, preset, headset, odds, figures }| {
                 json!({"name": name, "preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "without": self.without, "walls_db": self.walls_db,
                     "headset": headset, "effects": self.effects, "world": self.world,
+                    "spacing": self.spacing, "diffuse_db": self.diffuse_db, "sensor_recording": self.sensor_recording,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})
             });

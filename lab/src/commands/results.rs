@@ -6,8 +6,8 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use clap::Args;
 
-use super::check_targets;
-use lab::results::{Extent, PAGES, Provenance, ResultsPage, whole_pipeline_share};
+use super::{check_targets, recorded_sensor};
+use lab::results::{Extent, Measuring, PAGES, Provenance, ResultsPage, whole_pipeline_share};
 use radar_chaperone::outln;
 
 /// Measures the documented figures and writes the pages of docs/results
@@ -24,6 +24,10 @@ pub struct ResultsCommand {
     /// A few seeds and seconds: shows that pages can be made, not their figures
     #[arg(long)]
     quick: bool,
+    /// Recordings of the sensor at rest (.h5 of the vendor), whose jitter and noise the page
+    /// realism also plays with
+    #[arg(long, value_name = "FILE", value_delimiter = ',')]
+    sensor_recording: Vec<PathBuf>,
     /// Prints the whole pipeline's share of a core for one scene, percent, and ends
     #[arg(long, value_name = "SCENE", hide = true, conflicts_with = "names")]
     whole_pipeline: Option<String>,
@@ -51,9 +55,10 @@ impl ResultsCommand {
         check_targets(None, Some(&self.out), &[])?;
         let provenance = Provenance::here();
         let extent = if self.quick { Extent::Quick } else { Extent::Full };
+        let measuring = Measuring { extent, recorded: recorded_sensor(&self.sensor_recording)? };
         for page in wanted {
             let start = Instant::now();
-            let made = page.make(extent)?;
+            let made = page.make(&measuring)?;
             made.write(&self.out, page.name, &provenance, start.elapsed())?;
             let path = self.out.join(format!("{}.md", page.name));
             outln!("Written to {} in {:.0} s", path.display(), start.elapsed().as_secs_f64())?;

@@ -17,8 +17,8 @@ pub use live_latency::LiveLatency;
 pub use noise_alarms::NoiseAlarms;
 pub use pipeline_cost::PipelineCost;
 pub use play::{
-    Approach, Cause, Detected, FalseReport, Figures, MovingFigures, PlayError, PlayTrial, PlayerSetup, Rates, RemovalOutcome,
-    by_kind, curve, false_reports, missed, moving, play, totals,
+    Approach, Cause, Detected, FalseReport, Figures, MovingFigures, PlayError, PlayTrial, PlayerSetup, Rates,
+    RemovalOutcome, by_headset, by_kind, curve, false_reports, missed, moving, play, totals,
 };
 pub use room_noise::{RoomNoise, SAME_ALARM_M, SAME_ALARM_S, rate_upper_bound_per_h};
 pub use thesis::{

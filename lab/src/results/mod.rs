@@ -7,8 +7,12 @@ mod pages;
 mod play;
 mod provenance;
 mod speed;
+mod surfaces;
+
+use std::sync::Arc;
 
 use anyhow::Result;
+use radar_simulation::RecordedSensor;
 
 pub use page::Page;
 pub use pages::benchmark_page;
@@ -44,7 +48,16 @@ pub struct ResultsPage {
     pub about: &'static str,
     /// Whether it measures times, so that nothing else may run beside it.
     pub is_timed: bool,
-    make: fn(Extent) -> Result<Page>,
+    make: fn(&Measuring) -> Result<Page>,
+}
+
+/// How a page is measured.
+#[derive(Debug, Clone)]
+pub struct Measuring {
+    /// How much.
+    pub extent: Extent,
+    /// Jitter and noise of a recorded sensor, for the page that compares it with the model's.
+    pub recorded: Option<Arc<RecordedSensor>>,
 }
 
 impl ResultsPage {
@@ -52,46 +65,68 @@ impl ResultsPage {
     ///
     /// # Errors
     /// Simulations that fail, pictures that cannot be encoded.
-    pub fn make(&self, extent: Extent) -> Result<Page> {
-        let mut page = (self.make)(extent)?;
-        let quick = extent.choose("", " --quick");
+    pub fn make(&self, measuring: &Measuring) -> Result<Page> {
+        let mut page = (self.make)(measuring)?;
+        let quick = measuring.extent.choose("", " --quick");
         page.command = format!("results {}{quick}", self.name);
         Ok(page)
     }
 }
 
 /// Every page.
-pub const PAGES: [ResultsPage; 7] = [
+pub const PAGES: [ResultsPage; 9] = [
     ResultsPage {
         name: "reflectors",
         about: "position of a reflector, pairs, time offset",
         is_timed: false,
-        make: pages::reflectors,
+        make: |measuring| pages::reflectors(measuring.extent),
     },
     ResultsPage {
         name: "rooms",
         about: "furnished rooms of 30 s, false alarms on noise",
         is_timed: false,
-        make: pages::rooms,
+        make: |measuring| pages::rooms(measuring.extent),
     },
-    ResultsPage { name: "play", about: "warnings in play sessions", is_timed: false, make: play::page },
+    ResultsPage {
+        name: "play",
+        about: "warnings in play sessions",
+        is_timed: false,
+        make: |measuring| play::page(measuring.extent),
+    },
+    ResultsPage {
+        name: "living",
+        about: "warnings in living rooms of surfaces, by headset",
+        is_timed: false,
+        make: |measuring| surfaces::living(measuring.extent),
+    },
+    ResultsPage {
+        name: "realism",
+        about: "what each assumption of the simulation costs",
+        is_timed: false,
+        make: |measuring| surfaces::realism(measuring.extent, measuring.recorded.as_ref()),
+    },
     ResultsPage {
         name: "experiments",
         about: "the thesis' experiments repeated",
         is_timed: true,
-        make: pages::experiments,
+        make: |measuring| pages::experiments(measuring.extent),
     },
-    ResultsPage { name: "benchmark", about: "run time against error", is_timed: true, make: pages::benchmark },
+    ResultsPage {
+        name: "benchmark",
+        about: "run time against error",
+        is_timed: true,
+        make: |measuring| pages::benchmark(measuring.extent),
+    },
     ResultsPage {
         name: "speed",
         about: "processor time of the pipeline, latency beside a frame loop",
         is_timed: true,
-        make: speed::page,
+        make: |measuring| speed::page(measuring.extent),
     },
     ResultsPage {
         name: "gpu",
         about: "dense volumes on the graphics card beside the processor",
         is_timed: true,
-        make: gpu::page,
+        make: |measuring| gpu::page(measuring.extent),
     },
 ];

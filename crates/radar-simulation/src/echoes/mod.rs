@@ -26,6 +26,7 @@ use rand_chacha::ChaCha8Rng;
 
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
+use radar_sar::math;
 
 use crate::world::{InnerEdge, Panel, Parts, World};
 
@@ -75,6 +76,30 @@ pub(crate) struct EchoPath {
     pub phase_rad: f64,
 }
 
+/// The diffuse echoes of surfaces in a physical world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DiffuseEchoes {
+    /// Factor of the spacing of the points that stand for a surface. 1: 7 cm on objects, 25 cm on walls, floor and
+    /// ceiling.
+    pub spacing: f64,
+    /// Added to the diffusely scattered power, dB. It was not measured on furniture: its materials' roughness is
+    /// assumed.
+    pub level_db: f64,
+}
+
+impl Default for DiffuseEchoes {
+    fn default() -> Self {
+        Self { spacing: 1.0, level_db: 0.0 }
+    }
+}
+
+impl DiffuseEchoes {
+    /// Spacings from a quarter to four times the default, levels within 40 dB of it.
+    pub(crate) fn is_valid(&self) -> bool {
+        (0.25..=4.0).contains(&self.spacing) && (-40.0..=40.0).contains(&self.level_db)
+    }
+}
+
 /// How finely surfaces are sampled, and the seed of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sampling {
@@ -82,12 +107,19 @@ pub(crate) struct Sampling {
     pub spacing_m: f64,
     /// Spacing of diffuse points on walls, floor and ceiling, metres.
     pub shell_spacing_m: f64,
+    /// Factor of the diffusely scattered power.
+    pub diffuse_factor: f64,
     pub seed: u64,
 }
 
 impl Sampling {
-    fn of_world(world: &World) -> Self {
-        Self { spacing_m: OBJECT_SPACING_M, shell_spacing_m: SHELL_SPACING_M, seed: world.seed }
+    fn of_world(world: &World, diffuse: &DiffuseEchoes) -> Self {
+        Self {
+            spacing_m: OBJECT_SPACING_M * diffuse.spacing,
+            shell_spacing_m: SHELL_SPACING_M * diffuse.spacing,
+            diffuse_factor: math::powf(10.0, diffuse.level_db / 10.0),
+            seed: world.seed,
+        }
     }
 }
 
@@ -107,16 +139,17 @@ pub(crate) struct EchoScene {
 
 impl EchoScene {
     /// Of a world, with all objects or without the removed one; the others' echoes are the same in both.
-    pub fn of_world(world: &World, removed: bool) -> Self {
+    pub fn of_world(world: &World, removed: bool, diffuse: &DiffuseEchoes) -> Self {
         let there = |n: &usize| !(removed && *n == world.removable);
         let objects = (0..world.objects.len()).filter(there).map(|n| (n as u64, &world.objects[n].parts));
-        Self::new(&world.shell.parts, objects, world.floor_reflectivity(), &Sampling::of_world(world))
+        Self::new(&world.shell.parts, objects, world.floor_reflectivity(), &Sampling::of_world(world, diffuse))
     }
 
     /// One object of the world alone, by its index, in the shadow of everything in this scene.
-    pub fn alone(&self, world: &World, object: usize) -> Self {
+    pub fn alone(&self, world: &World, object: usize, diffuse: &DiffuseEchoes) -> Self {
         let parts = [(object as u64, &world.objects[object].parts)];
-        let alone = Self::new(&Parts::default(), parts, world.floor_reflectivity(), &Sampling::of_world(world));
+        let alone =
+            Self::new(&Parts::default(), parts, world.floor_reflectivity(), &Sampling::of_world(world, diffuse));
         Self { occluders: self.occluders.clone(), mirrors: Vec::new(), ..alone }
     }
 
@@ -129,13 +162,13 @@ impl EchoScene {
         sampling: &Sampling,
     ) -> Self {
         let mut scene = Self::default();
-        scene.add(shell, u64::MAX, floor_reflectivity, sampling.shell_spacing_m, sampling.seed);
+        scene.add(shell, u64::MAX, floor_reflectivity, sampling.shell_spacing_m, sampling);
         scene.occluders.add(shell.panels.iter().filter(|p| stands_free(p, shell)).filter_map(Occluder::of));
         let wide = |face: &&Face| 2.0 * face.half_m[0].min(face.half_m[1]) >= MIN_SHELL_MIRROR_M;
         scene.mirrors = scene.faces.iter().filter(wide).copied().collect();
         (scene.shell_lines, scene.shell_points) = (scene.lines.len(), scene.cloud.points.len());
         for (number, parts) in objects {
-            scene.add(parts, number, floor_reflectivity, sampling.spacing_m, sampling.seed);
+            scene.add(parts, number, floor_reflectivity, sampling.spacing_m, sampling);
             let wide = |panel: &&Panel| panel.half_u_m.length().min(panel.half_v_m.length()) >= 0.5 * MIN_SHADOW_M;
             scene.occluders.add(parts.panels.iter().filter(wide).filter_map(Occluder::of));
             let large = parts.panels.iter().filter(|panel| {
@@ -147,12 +180,12 @@ impl EchoScene {
         scene
     }
 
-    fn add(&mut self, parts: &Parts, number: u64, floor_reflectivity: f64, spacing_m: f64, seed: u64) {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x5CA7_7E25);
+    fn add(&mut self, parts: &Parts, number: u64, floor_reflectivity: f64, spacing_m: f64, sampling: &Sampling) {
+        let mut rng = ChaCha8Rng::seed_from_u64(sampling.seed ^ 0x5CA7_7E25);
         rng.set_stream(number);
         for panel in &parts.panels {
             self.faces.extend(Face::of(panel));
-            self.cloud.add_surface(panel, spacing_m, &mut rng);
+            self.cloud.add_surface(panel, spacing_m, sampling.diffuse_factor, &mut rng);
         }
         self.cloud.add_fittings(&parts.corners, &mut rng);
         self.cloud.add_tube_ends(&parts.tubes, &mut rng);

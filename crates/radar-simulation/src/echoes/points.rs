@@ -76,8 +76,9 @@ impl PointCloud {
     ///
     /// A Lambertian surface of albedo ρ has σ = 4 ρ cos²θ per area (Ulaby and Long, Microwave Radar and
     /// Radiometric Remote Sensing: radiance ρ/π of the irradiance cos θ, times 4π, projected by cos θ); a point
-    /// stands for its cell of the grid, so the mean power does not depend on the spacing.
-    pub fn add_surface(&mut self, panel: &Panel, spacing_m: f64, rng: &mut ChaCha8Rng) {
+    /// stands for its cell of the grid, so the mean power does not depend on the spacing. The power is multiplied by
+    /// `factor`.
+    pub fn add_surface(&mut self, panel: &Panel, spacing_m: f64, factor: f64, rng: &mut ChaCha8Rng) {
         let sides = if panel.two_sided { [1.0, -1.0].as_slice() } else { [1.0].as_slice() };
         let (half_u, half_v) = (panel.half_u_m, panel.half_v_m);
         let parts = |half: DVec3| (2.0 * half.length() / CLUSTER_M).ceil().max(1.0) as usize;
@@ -91,16 +92,16 @@ impl PointCloud {
                     half_v_m: half_v / along as f64,
                     ..*panel
                 };
-                self.add_tile(&tile, *side * panel.normal(), spacing_m, rng);
+                self.add_tile(&tile, *side * panel.normal(), spacing_m, factor, rng);
             }
         }
     }
 
-    fn add_tile(&mut self, tile: &Panel, normal: DVec3, spacing_m: f64, rng: &mut ChaCha8Rng) {
+    fn add_tile(&mut self, tile: &Panel, normal: DVec3, spacing_m: f64, factor: f64, rng: &mut ChaCha8Rng) {
         let steps = |half: DVec3| (2.0 * half.length() / spacing_m).round().max(1.0) as usize;
         let (across, along) = (steps(tile.half_u_m), steps(tile.half_v_m));
         let cell_m2 = tile.area_m2() / (across * along) as f64;
-        let root_sigma_m = (4.0 * tile.material.diffuse() * cell_m2).sqrt();
+        let root_sigma_m = (4.0 * factor * tile.material.diffuse() * cell_m2).sqrt();
         let first = self.points.len();
         for (i, j) in (0..across).flat_map(|i| (0..along).map(move |j| (i, j))) {
             let mut at = |n: usize, of: usize| 2.0 * (n as f64 + rng.random_range(0.0..1.0)) / of as f64 - 1.0;
@@ -168,7 +169,7 @@ mod tests {
         let (half_u_m, half_v_m) = (DVec3::X * 0.2, DVec3::Y * 0.25);
         let panel = Panel { center_m: DVec3::ZERO, half_u_m, half_v_m, material: TEXTILE, two_sided: false };
         let mut cloud = PointCloud::default();
-        cloud.add_surface(&panel, spacing_m, &mut ChaCha8Rng::seed_from_u64(seed));
+        cloud.add_surface(&panel, spacing_m, 1.0, &mut ChaCha8Rng::seed_from_u64(seed));
         cloud
     }
 

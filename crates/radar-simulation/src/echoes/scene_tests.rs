@@ -6,7 +6,7 @@ use super::*;
 use crate::world::material::{GLASS, METAL, PLASTER, TEXTILE, WOOD};
 use crate::world::{Assembly, Corner, Material, Panel, Tube};
 
-const SAMPLING: Sampling = Sampling { spacing_m: 0.05, shell_spacing_m: 0.25, seed: 1 };
+const SAMPLING: Sampling = Sampling { spacing_m: 0.05, shell_spacing_m: 0.25, diffuse_factor: 1.0, seed: 1 };
 
 /// A sensor that looks along −z.
 fn sensor(at: DVec3) -> [Pose; 3] {

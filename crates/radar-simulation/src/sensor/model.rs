@@ -1,5 +1,7 @@
 //! The sensor from the sum of the echoes to samples.
 
+use std::sync::Arc;
+
 use num_complex::{Complex, Complex64};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,10 +10,10 @@ use rand_distr::{Distribution, StandardNormal};
 use a121::{SensorConfig, Subsweep};
 use radar_sar::math;
 
-use super::SensorEffects;
 use super::background::Module;
 use super::gain::{Levels, REFERENCE_C, from_db, temperature_c};
 use super::jitter::{FrameJitter, slow_phase_rad};
+use super::{RecordedSensor, SensorEffects};
 
 /// Share of the points that another radar disturbs, and by how much the noise of these is above the
 /// receiver's, dB. Source: TI SWRA662A, an FMCW radar 5 m away with 1 % of the time in the receiver's
@@ -23,8 +25,10 @@ const INTERFERENCE_DB: f64 = 12.0;
 #[derive(Debug, Clone)]
 pub(crate) struct SensorModel {
     effects: SensorEffects,
+    recorded: Option<Arc<RecordedSensor>>,
     seed: u64,
     subsweeps: Vec<SubsweepModel>,
+    sweeps_per_frame: u64,
 }
 
 #[derive(Debug, Clone)]
@@ -49,7 +53,13 @@ impl SensorModel {
                 Vec::new()
             },
         };
-        Self { effects, seed, subsweeps: config.subsweeps.iter().map(model).collect() }
+        let subsweeps = config.subsweeps.iter().map(model).collect();
+        Self { effects, recorded: None, seed, subsweeps, sweeps_per_frame: u64::from(config.sweeps_per_frame) }
+    }
+
+    /// What was recorded is played back instead of the model's jitter and noise.
+    pub fn with_recorded(self, recorded: Option<Arc<RecordedSensor>>) -> Self {
+        Self { recorded, ..self }
     }
 
     /// Temperature at a time after the start, °C.
@@ -77,6 +87,9 @@ impl SensorModel {
         };
         FrameState {
             sensor: self,
+            number,
+            start_s,
+            sweeps: 0,
             temperature_c: self.temperature_c(start_s),
             slow_rad: self.effects.jitter * slow_phase_rad(self.seed, start_s),
             noise: stream(0x0CC0_4E12),
@@ -90,6 +103,10 @@ impl SensorModel {
 #[derive(Debug)]
 pub(crate) struct FrameState<'s> {
     sensor: &'s SensorModel,
+    number: u64,
+    start_s: f64,
+    /// Sweeps of the first subsweep so far.
+    sweeps: u64,
     temperature_c: f64,
     slow_rad: f64,
     noise: ChaCha8Rng,
@@ -117,7 +134,9 @@ impl FrameState<'_> {
         }
         self.shake(subsweep, time_s, &mut echoes);
         self.disturb(levels.noise_rms_lsb, &mut echoes);
-        self.digitise(levels.noise_rms_lsb, &echoes, samples)
+        self.add_noise(levels.noise_rms_lsb, &mut echoes);
+        self.sweeps += u64::from(number == 0);
+        digitise(&echoes, samples)
     }
 
     /// Jitter.
@@ -126,9 +145,12 @@ impl FrameState<'_> {
         if strength == 0.0 {
             return;
         }
-        let factors = self.jitter.next(subsweep, time_s);
+        let recorded = self.sensor.recorded.as_ref();
+        let recorded = recorded.and_then(|of| of.jitter(subsweep, self.number, time_s - self.start_s));
+        let slow_rad = if recorded.is_some() { 0.0 } else { self.slow_rad };
+        let factors = recorded.unwrap_or_else(|| self.jitter.next(subsweep, time_s));
         for (value, (amplitude, phase_rad)) in signal.iter_mut().zip(factors) {
-            *value *= math::from_polar(1.0 + strength * (amplitude - 1.0), strength * phase_rad + self.slow_rad);
+            *value *= math::from_polar(1.0 + strength * (amplitude - 1.0), strength * phase_rad + slow_rad);
         }
     }
 
@@ -147,22 +169,32 @@ impl FrameState<'_> {
         }
     }
 
-    /// Noise and the converter's 16 bits. There is no recovery after saturation: each point is
-    /// measured by its own pulses, of which the last point's are long gone.
-    fn digitise(&mut self, noise_rms_lsb: f64, signal: &[Complex64], samples: &mut Vec<Complex<i16>>) -> bool {
+    fn add_noise(&mut self, noise_rms_lsb: f64, signal: &mut [Complex64]) {
+        let sweep = self.number * self.sensor.sweeps_per_frame + self.sweeps;
         let per_axis = noise_rms_lsb / 2f64.sqrt();
-        let mut saturated = false;
-        for value in signal {
-            let mut convert = |v: f64| {
-                let noise: f64 = StandardNormal.sample(&mut self.noise);
-                let level = (v + per_axis * noise).round();
-                saturated |= !(f64::from(i16::MIN)..=f64::from(i16::MAX)).contains(&level);
-                level as i16
-            };
-            samples.push(Complex::new(convert(value.re), convert(value.im)));
+        for (n, value) in signal.iter_mut().enumerate() {
+            if let Some(noise) = self.sensor.recorded.as_ref().and_then(|of| of.noise(n, sweep)) {
+                *value += noise_rms_lsb * noise;
+                continue;
+            }
+            let mut part = || -> f64 { per_axis * Distribution::<f64>::sample(&StandardNormal, &mut self.noise) };
+            let re = part();
+            *value += Complex64::new(re, part());
         }
-        saturated
     }
+}
+
+/// The converter's 16 bits; returns whether a sample saturated. There is no recovery after saturation: each point is
+/// measured by its own pulses, of which the last point's are long gone.
+fn digitise(signal: &[Complex64], samples: &mut Vec<Complex<i16>>) -> bool {
+    let mut saturated = false;
+    let mut convert = |v: f64| {
+        let level = v.round();
+        saturated |= !(f64::from(i16::MIN)..=f64::from(i16::MAX)).contains(&level);
+        level as i16
+    };
+    samples.extend(signal.iter().map(|value| Complex::new(convert(value.re), convert(value.im))));
+    saturated
 }
 
 #[cfg(test)]

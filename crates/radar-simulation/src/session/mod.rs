@@ -21,14 +21,15 @@ mod session_tests;
 mod visitor;
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
-use super::echoes::{Posture, Walk, walking_cat, walking_person, wearer};
+use super::echoes::{DiffuseEchoes, Posture, Walk, walking_cat, walking_person, wearer};
 use super::scenario::{default_mount, host_ns};
 use super::sensor::SensorModel;
 use super::tracker::Tracker;
 use super::truth_builder::TruthBuilder;
 use super::world::World;
-use super::{Room, Scatterer, SceneObject, SensorEffects, Simulated, TrackingErrors, WallPanel};
+use super::{RecordedSensor, Room, Scatterer, SceneObject, SensorEffects, Simulated, TrackingErrors, WallPanel};
 use a121::{ConfigError, SensorConfig};
 use glam::{DQuat, DVec3};
 use radar_sar::Beam;
@@ -62,6 +63,8 @@ pub struct PlaySession {
     pub errors: TrackingErrors,
     /// Imperfections of the sensor.
     pub effects: SensorEffects,
+    /// Jitter and noise of a real sensor instead of the model's.
+    pub recorded: Option<Arc<RecordedSensor>>,
     /// Whether the session has the player's hands.
     pub hands: bool,
     /// Whether the hands return no echoes; detections at their positions are then coincidental.
@@ -70,6 +73,8 @@ pub struct PlaySession {
     pub visitor: bool,
     /// The kind of room.
     pub world: PlayWorld,
+    /// The diffuse echoes in a physical world.
+    pub diffuse: DiffuseEchoes,
     /// Offset added to the walls' reflection in a room of points, dB.
     pub walls_db: f64,
     /// Whether the tracking frame is aligned with the walls and centred on the floor.
@@ -85,6 +90,9 @@ pub enum SessionError {
     /// A strength of an effect out of range.
     #[error("sensor effects {0:?} cannot be simulated: give strengths from 0 to 100")]
     Effects(SensorEffects),
+    /// Spacing or level out of range.
+    #[error("diffuse echoes {0:?} cannot be simulated: give spacings of 0.25 to 4 and levels of -40 to 40 dB")]
+    Diffuse(DiffuseEchoes),
     /// Duration out of range.
     #[error("a session of {0} s cannot be simulated: give 1 to 3600 s")]
     Duration(f64),
@@ -106,10 +114,12 @@ impl PlaySession {
             head_from_sensor: default_mount(),
             errors: TrackingErrors::default(),
             effects: SensorEffects::NONE,
+            recorded: None,
             hands: true,
             hands_without_echo: false,
             visitor: true,
             world: PlayWorld::Points,
+            diffuse: DiffuseEchoes::default(),
             walls_db: 0.0,
             axis_aligned: false,
         }
@@ -118,7 +128,7 @@ impl PlaySession {
     /// Generates the room and all motions.
     ///
     /// # Errors
-    /// A configuration that breaks a rule, or a duration out of range.
+    /// A configuration that breaks a rule, or a duration, a strength or a level out of range.
     pub fn prepare(&self) -> Result<Session, SessionError> {
         self.config.validate()?;
         if !(1.0..=3600.0).contains(&self.duration_s) {
@@ -126,6 +136,9 @@ impl PlaySession {
         }
         if !self.effects.is_valid() {
             return Err(SessionError::Effects(self.effects));
+        }
+        if !self.diffuse.is_valid() {
+            return Err(SessionError::Diffuse(self.diffuse));
         }
         let rng = |salt: u64| ChaCha8Rng::seed_from_u64(self.seed ^ salt);
         let world = self.world.family().map(|family| World::new(family, self.seed));
@@ -149,8 +162,8 @@ impl PlaySession {
             tracking_from_room,
             removed_s: 0.5 * self.duration_s,
             true_mount: self.errors.true_mount(&self.head_from_sensor, self.seed),
-            sensor: SensorModel::new(&self.config, self.effects, self.seed),
-            physical: world.as_ref().map(|world| PhysicalRoom::new(world, self.seed)),
+            sensor: SensorModel::new(&self.config, self.effects, self.seed).with_recorded(self.recorded.clone()),
+            physical: world.as_ref().map(|world| PhysicalRoom::new(world, &self.diffuse, self.seed)),
             play: self.clone(),
             before: room,
             after,

@@ -5,7 +5,8 @@ use std::collections::BTreeSet;
 use glam::DVec3;
 
 use super::super::echoes::{
-    BodyShape, EchoPath, EchoScene, MovingBodies, Posture, Visibility, cat_shape, person_shape, wearer_shape,
+    BodyShape, DiffuseEchoes, EchoPath, EchoScene, MovingBodies, Posture, Visibility, cat_shape, person_shape,
+    wearer_shape,
 };
 use super::super::world::{ObjectKind, World, WorldObject};
 use super::super::{Room, Scatterer, SceneObject, WallPanel};
@@ -49,9 +50,9 @@ pub(super) struct PathLimits {
 }
 
 impl PhysicalRoom {
-    pub fn new(world: &World, seed: u64) -> Self {
-        let (before, after) = (EchoScene::of_world(world, false), EchoScene::of_world(world, true));
-        let alone = |(n, _): (usize, _)| [&before, &after].map(|scene| scene.alone(world, n));
+    pub fn new(world: &World, diffuse: &DiffuseEchoes, seed: u64) -> Self {
+        let [before, after] = [false, true].map(|removed| EchoScene::of_world(world, removed, diffuse));
+        let alone = |(n, _): (usize, _)| [&before, &after].map(|scene| scene.alone(world, n, diffuse));
         Self {
             alone: free_objects(world).map(alone).collect(),
             before,
@@ -150,7 +151,7 @@ mod tests {
     #[test]
     fn paths_of_an_object_alone_are_among_those_of_the_whole_room() {
         let world = World::new(Family::Dining, 3);
-        let room = PhysicalRoom::new(&world, 3);
+        let room = PhysicalRoom::new(&world, &DiffuseEchoes::default(), 3);
         let limits = PathLimits { min_amplitude: 1e-4, max_range_m: 3.0 };
         let mut found = 0;
         for turn in 0..6 {

@@ -9,12 +9,18 @@ use radar_sar::geometry::Pose;
 
 use super::object::Furniture;
 use super::*;
-use crate::echoes::{EchoPath, EchoScene, MovingBodies, Walk, person_shape, walking_person, wearer, wearer_shape};
+use crate::echoes::{
+    DiffuseEchoes, EchoPath, EchoScene, MovingBodies, Walk, person_shape, walking_person, wearer, wearer_shape,
+};
 
 const SEEDS: u64 = 20;
 
 fn worlds() -> impl Iterator<Item = World> {
     Family::ALL.into_iter().flat_map(|family| (0..SEEDS).map(move |seed| World::new(family, seed)))
+}
+
+fn of_world(world: &World, removed: bool) -> EchoScene {
+    EchoScene::of_world(world, removed, &DiffuseEchoes::default())
 }
 
 #[test]
@@ -80,9 +86,9 @@ fn same_seed_gives_the_same_world_and_echoes() {
     for family in Family::ALL {
         let [a, b] = [3, 3].map(|seed| World::new(family, seed));
         assert_eq!(a.objects, b.objects);
-        assert_eq!(EchoScene::of_world(&a, false), EchoScene::of_world(&b, false));
+        assert_eq!(of_world(&a, false), of_world(&b, false));
         assert_ne!(a.objects, World::new(family, 4 + 3).objects);
-        assert!(EchoScene::of_world(&a, true).counts()[2] < EchoScene::of_world(&a, false).counts()[2]);
+        assert!(of_world(&a, true).counts()[2] < of_world(&a, false).counts()[2]);
     }
 }
 
@@ -92,10 +98,10 @@ fn removed_object_takes_its_echoes_and_leaves_the_others() {
         let world = World::new(Family::Office, seed);
         let place = world.objects[world.removable].points_m[0];
         let pose = Pose::looking_at(DVec3::Y * 1.6, place, DVec3::Y);
-        let [before, after] = [false, true].map(|removed| EchoScene::of_world(&world, removed));
+        let [before, after] = [false, true].map(|removed| of_world(&world, removed));
         let nobody = MovingBodies::default();
         let paths = |scene: &EchoScene| scene.paths(&[pose; 3], &nobody, &Beam::Lensless, 1e-4, 4.0);
-        let alone = before.alone(&world, world.removable);
+        let alone = before.alone(&world, world.removable, &DiffuseEchoes::default());
         let own = alone.direct_paths_seen(&alone.visibility(&pose, &Beam::Lensless, 1e-4, 4.0), &[pose; 3], &nobody);
         let (with, without) = (paths(&before), paths(&after));
         assert!(own.len() > 5 && own.iter().all(|path| with.contains(path)), "seed {seed}");
@@ -116,7 +122,7 @@ fn cross_section_m2(furniture: &Furniture, family: Family, azimuth_rad: f64, awa
         two_sided: false,
     };
     let shell = Parts { panels: vec![floor], ..Default::default() };
-    let sampling = crate::echoes::Sampling { spacing_m: 0.05, shell_spacing_m: 0.5, seed: 1 };
+    let sampling = crate::echoes::Sampling { spacing_m: 0.05, shell_spacing_m: 0.5, diffuse_factor: 1.0, seed: 1 };
     let object = furniture.placed(DVec3::ZERO, azimuth_rad);
     let eye = DVec3::new(0.0, 1.6, away_m);
     let pose = Pose::looking_at(eye, DVec3::Y * 0.5, DVec3::Y);
@@ -162,7 +168,7 @@ fn furnished_rooms_return_plausible_echoes() {
         for seed in 0..4 {
             let world = World::new(family, seed);
             let started = std::time::Instant::now();
-            let scene = EchoScene::of_world(&world, false);
+            let scene = of_world(&world, false);
             let built_ms = started.elapsed().as_secs_f64() * 1e3;
             let turn = DQuat::from_rotation_y(0.6) * DQuat::from_rotation_x(-0.35);
             let pose = Pose::new(DVec3::new(0.1, 1.62, 0.0), turn);
@@ -218,7 +224,7 @@ fn plaster_wall_returns_its_mirror_image_and_the_room_its_right_angles() {
     let finish = Family::Dining.style().finish;
     let plan = FloorPlan::new(RoomShape::Rectangle, [4.0, 4.6], 2.5, &mut ChaCha8Rng::seed_from_u64(3));
     let shell = Shell::new(&plan, &finish, &[]);
-    let sampling = crate::echoes::Sampling { spacing_m: 0.07, shell_spacing_m: 0.25, seed: 1 };
+    let sampling = crate::echoes::Sampling { spacing_m: 0.07, shell_spacing_m: 0.25, diffuse_factor: 1.0, seed: 1 };
     let scene = EchoScene::new(&shell.parts, std::iter::empty(), finish.floor.specular(), &sampling);
     let wall = shell.walls.iter().find(|wall| wall.plane.outward.z < -0.9).unwrap();
     for away_m in [0.7, 1.4] {

@@ -12,6 +12,6 @@ mod target;
 
 pub use figures::{Approach, Cause, Detected, FalseReport, Figures, Rates, RemovalOutcome};
 pub use moving::MovingFigures;
-pub use present::{by_kind, curve, false_reports, missed, totals};
+pub use present::{by_headset, by_kind, curve, false_reports, missed, totals};
 pub(in crate::experiments) use run::for_each_update;
 pub use run::{PlayError, PlayTrial, PlayerSetup, play};

@@ -105,6 +105,59 @@ pub fn totals(figures: &Figures) -> Table {
     Table { head: ["figure", "is", "to reach"].map(str::to_owned).to_vec(), rows, caption: String::new() }
 }
 
+/// Names of upholstered chairs in the worlds' furniture.
+const SOFT_CHAIRS: [&str; 4] = ["soft chair", "swivel chair", "padded chair", "armchair"];
+
+/// A figure as text.
+type FigureText<'a> = &'a dyn Fn(&Figures) -> String;
+
+/// The figures that decide, one column per headset: Lighthouse, inside-out, poor.
+pub fn by_headset(columns: &[(&str, &Figures)]) -> Table {
+    let share = |part: usize, of: usize| format!("{} of {of}", percent(part, of));
+    let in_time = |figures: &Figures| {
+        let objects = figures.without_walls().rates();
+        share(objects.warned, objects.due)
+    };
+    let visible = |figures: &Figures| {
+        let objects = figures.without_walls().rates();
+        percent(objects.visible, objects.due)
+    };
+    let soft = |figures: &Figures| {
+        let soft = SOFT_CHAIRS.map(|kind| figures.of_kind(kind).rates());
+        share(soft.iter().map(|r| r.warned).sum(), soft.iter().map(|r| r.due).sum())
+    };
+    let per_hour = |count: u64, figures: &Figures| formatted(count as f64 * 3600.0 / figures.played_s, 1);
+    let width = |figures: &Figures| {
+        let width_cm = 100.0 * figures.without_walls().rates().bounds_median_m[1];
+        if width_cm.is_finite() { format!("{width_cm:+.0}") } else { "–".into() }
+    };
+    let place = |figures: &Figures| formatted(100.0 * figures.without_walls().rates().error_median_m, 1);
+    let rows: [(&str, &str, FigureText); 12] = [
+        ("warned before 0.4 m or 0.6 s, %", "≥ 98; 97; 93", &in_time),
+        ("   soft chairs", "≥ 93; 90; –", &soft),
+        ("   visible, the bound", "", &visible),
+        ("false reports near the body, per minute", "≤ 0.2; 0.25; 0.5", &|f| {
+            formatted(f.rates().false_near_per_min, 2)
+        }),
+        ("   of these, from the player's hands", "0", &|f| formatted(f.rates().hands_per_min, 2)),
+        ("false reports anywhere, per minute", "", &|f| formatted(f.rates().false_per_min, 2)),
+        ("removed chair no longer reported, median, s", "≤ 2.5; 3; 5", &|f| formatted(f.rates().forget_median_s, 1)),
+        ("place, median, cm", "≤ 2; 3; 5", &place),
+        ("width, reported wider (+), median, cm", "≤ +6; +8; –", &width),
+        ("a person within 2.5 m shown as moving, %", "≥ 80; 75; –", &|f| {
+            formatted(100.0 * f.moving.people.share(), 0)
+        }),
+        ("shown as moving where nobody moves, per hour", "≤ 1; 1; 3", &|f| per_hour(f.moving.nothing, f)),
+        ("played, minutes", "", &|f| formatted(f.played_s / 60.0, 0)),
+    ];
+    let row = |(name, to_reach, of): &(&str, &str, FigureText)| {
+        let figures = columns.iter().map(|(_, figures)| of(figures));
+        [(*name).to_owned()].into_iter().chain(figures).chain([(*to_reach).to_owned()]).collect()
+    };
+    let head = ["figure"].into_iter().chain(columns.iter().map(|(name, _)| *name)).chain(["to reach"]);
+    Table { head: head.map(str::to_owned).collect(), rows: rows.iter().map(row).collect(), caption: String::new() }
+}
+
 /// The objects that were not warned of in time, by what was detected of them: one row per kind, most often missed first.
 pub fn missed(figures: &Figures) -> Table {
     let missed: Vec<_> = figures.approaches.iter().filter(|a| a.in_beam_s >= Rates::SEEN_S && !a.warned).collect();

@@ -148,7 +148,7 @@ impl<'s> Player<'s> {
             let _ = self.mapper.push(Event::hands(time_ns, hands_m));
         }
         let _ = self.mapper.push(event);
-        if is_pose && self.taken_poses % POSES_PER_STEP == 0 && time_ns >= start_ns {
+        if is_pose && self.taken_poses.is_multiple_of(POSES_PER_STEP) && time_ns >= start_ns {
             self.step(time_ns, time_s, hands_m.unwrap_or_default(), on_update);
         }
         self.taken_poses += usize::from(is_pose);

@@ -109,12 +109,8 @@ impl<'s> Scorer<'s> {
         if time_s < gone.until_s || self.removal.removed {
             return;
         }
-        let stays = |point: DVec3| {
-            self.targets
-                .iter()
-                .filter(|t| t.until_s.is_infinite())
-                .any(|target| target.is_at(point))
-        };
+        let stays =
+            |point: DVec3| self.targets.iter().filter(|t| t.until_s.is_infinite()).any(|target| target.is_at(point));
         let of_it = |point: DVec3| parts.iter().any(|part| part.position_m.distance(point) <= FALSE_REPORT_M);
         let is_known = scene.obstacles.iter().any(|o| of_it(o.position_m) && !stays(o.position_m));
         self.removal.was_known.get_or_insert(is_known);
