@@ -268,6 +268,16 @@ impl Session {
         self.things.iter().enumerate().map(|(n, thing)| SessionObject { thing, until_s: until(n) }).collect()
     }
 
+    /// Distance from a point, tracking frame, to an object, metres: to its surfaces, in a room of points to its nearest
+    /// scatterer. `object` is its index in [`Self::things`].
+    pub fn distance_to_m(&self, object: usize, point: DVec3) -> f64 {
+        let Some(physical) = &self.physical else {
+            let parts = self.things[object].scatterers.iter();
+            return parts.map(|part| part.position_m.distance(point)).fold(f64::INFINITY, f64::min);
+        };
+        physical.distance_m(object, self.tracking_from_room.inverse().transform_point(point))
+    }
+
     /// Walls, floor and ceiling.
     pub fn walls(&self) -> &[SessionWall] {
         &self.walls

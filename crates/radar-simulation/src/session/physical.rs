@@ -8,7 +8,7 @@ use super::super::echoes::{
     BodyShape, DiffuseEchoes, EchoPath, EchoScene, MovingBodies, Posture, Visibility, cat_shape, person_shape,
     wearer_shape,
 };
-use super::super::world::{ObjectKind, World, WorldObject};
+use super::super::world::{ObjectKind, Parts, World, WorldObject};
 use super::super::{Room, Scatterer, SceneObject, WallPanel};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
@@ -29,6 +29,8 @@ pub(super) struct PhysicalRoom {
     after: EchoScene,
     /// Each object of the truth alone, before and after the removal, in the shadow of all others.
     alone: Vec<[EchoScene; 2]>,
+    /// The surfaces of each object of the truth.
+    parts: Vec<Parts>,
     wearer: BodyShape,
     visitor: BodyShape,
     pet: BodyShape,
@@ -55,6 +57,7 @@ impl PhysicalRoom {
         let alone = |(n, _): (usize, _)| [&before, &after].map(|scene| scene.alone(world, n, diffuse));
         Self {
             alone: free_objects(world).map(alone).collect(),
+            parts: free_objects(world).map(|(_, object)| object.parts.clone()).collect(),
             before,
             after,
             wearer: wearer_shape(seed),
@@ -91,6 +94,11 @@ impl PhysicalRoom {
         let scene = &self.alone[object][usize::from(removed)];
         let visibility = scene.visibility(sensor, beam, limits.min_amplitude, limits.max_range_m);
         scene.direct_paths_seen(&visibility, &[*sensor; 3], &self.moving(movers))
+    }
+
+    /// Distance from a point to the surfaces of an object of the truth, by its index there, metres.
+    pub fn distance_m(&self, object: usize, point: DVec3) -> f64 {
+        self.parts[object].distance_m(point)
     }
 
     /// Whether at least half of the field passes between two points.

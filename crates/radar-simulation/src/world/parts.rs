@@ -110,6 +110,13 @@ impl Panel {
         [-u - v, u - v, u + v, v - u].map(|offset| self.center_m + offset)
     }
 
+    /// Distance from a point to the rectangle, metres.
+    fn distance_m(&self, point: DVec3) -> f64 {
+        let off_m = point - self.center_m;
+        let along = |half: DVec3| half * (off_m.dot(half) / half.length_squared().max(1e-12)).clamp(-1.0, 1.0);
+        (off_m - along(self.half_u_m) - along(self.half_v_m)).length()
+    }
+
     fn moved(&self, to_from: &Pose) -> Self {
         Self {
             center_m: to_from.transform_point(self.center_m),
@@ -137,6 +144,13 @@ impl Tube {
         (self.ends_m[1] - self.ends_m[0]).normalize_or(DVec3::Y)
     }
 
+    /// Distance from a point to the surface, metres; 0 inside.
+    fn distance_m(&self, point: DVec3) -> f64 {
+        let [from, to] = self.ends_m;
+        let share = (point - from).dot(to - from) / from.distance_squared(to).max(1e-12);
+        (point.distance(from.lerp(to, share.clamp(0.0, 1.0))) - self.radius_m).max(0.0)
+    }
+
     fn surface_points(&self, points: &mut Vec<DVec3>) {
         let [from, to] = self.ends_m;
         let steps = (from.distance(to) / SURFACE_SPACING_M).ceil().max(1.0) as usize;
@@ -145,6 +159,15 @@ impl Tube {
 }
 
 impl Parts {
+    /// Distance from a point to the nearest surface, metres. Edges and what stands on the floor bound panels, so they
+    /// add nothing.
+    pub fn distance_m(&self, point: DVec3) -> f64 {
+        let panels = self.panels.iter().map(|panel| panel.distance_m(point));
+        let tubes = self.tubes.iter().map(|tube| tube.distance_m(point));
+        let fittings = self.corners.iter().map(|fitting| fitting.position_m.distance(point));
+        panels.chain(tubes).chain(fittings).fold(f64::INFINITY, f64::min)
+    }
+
     /// The same parts in another frame.
     pub fn moved(&self, to_from: &Pose) -> Self {
         let ends = |ends: [DVec3; 2]| ends.map(|end| to_from.transform_point(end));

@@ -244,3 +244,18 @@ fn plaster_wall_returns_its_mirror_image_and_the_room_its_right_angles() {
         assert!((power_dbsm(foot_m).unwrap() - expected).abs() < 0.01);
     }
 }
+
+#[test]
+fn distance_to_an_object_is_that_to_its_surface() {
+    for world in worlds().step_by(7) {
+        for object in &world.objects {
+            let on_it = object.points_m.iter().map(|point| object.parts.distance_m(*point));
+            let farthest_m = on_it.fold(0.0, f64::max);
+            assert!(farthest_m < 1e-6, "seed {}: {} has a point {farthest_m} m off", world.seed, object.name);
+        }
+    }
+    let tube = Tube { ends_m: [DVec3::ZERO, DVec3::Y], radius_m: 0.1, material: material::METAL };
+    let parts = Parts { tubes: vec![tube], ..Parts::default() };
+    assert!((parts.distance_m(DVec3::new(0.5, 0.3, 0.0)) - 0.4).abs() < 1e-12);
+    assert!((parts.distance_m(DVec3::new(0.0, 1.5, 0.0)) - 0.4).abs() < 1e-12);
+}

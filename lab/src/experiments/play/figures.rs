@@ -37,7 +37,8 @@ pub struct Approach {
     /// Distance from which on the warning was shown without a break, metres; 0 when it was not
     /// shown.
     pub lead_m: f64,
-    /// Distances from the reported positions to the object's nearest scatterer, metres.
+    /// Distances from the reported positions to the object's surfaces, in a room of points to its nearest scatterer,
+    /// metres.
     pub errors_m: Vec<f64>,
     /// Errors of the reported bounds; `None` for objects that were not reported, and for walls.
     pub bounds: Option<BoundErrors>,

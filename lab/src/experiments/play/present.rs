@@ -19,7 +19,7 @@ pub fn by_kind(figures: &Figures) -> Table {
 const CAPTION: &str = "due: approaches within 1 m of an object that had been in the beam and not hidden for 0.75 s. \
     visible: those whose own direct echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for \
     any reconstruction. first: each object's first approach. lead: distance at which the warning came on, m, 0 when \
-    missed. error: from reported positions to the nearest scatterer, m. nearer, wider, higher: bounds of the reported \
+    missed. error: from reported positions to the object's surface or nearest scatterer, m. nearer, wider, higher: bounds of the reported \
     cells of objects warned of, minus those of the objects' scatterers; medians, m.";
 
 const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the approaches within 1 m of an object \
@@ -27,8 +27,8 @@ const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the ap
     visible: those whose echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for any \
     reconstruction. lead: \
     distance at which the warning came on, 0 when missed. false near: false reports, counted each time that one comes \
-    within 1 m of the body; false: each false report once, anywhere. error: from reported positions to the nearest \
-    scatterer, median. removed: a chair that was carried away, time in the beam until it is no longer reported, \
+    within 1 m of the body; false: each false report once, anywhere. error: from reported positions to the \
+    object's surface or nearest scatterer, median. removed: a chair that was carried away, time in the beam until it is no longer reported, \
     median.";
 
 fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
@@ -105,9 +105,6 @@ pub fn totals(figures: &Figures) -> Table {
     Table { head: ["figure", "is", "to reach"].map(str::to_owned).to_vec(), rows, caption: String::new() }
 }
 
-/// Names of upholstered chairs in the worlds' furniture.
-const SOFT_CHAIRS: [&str; 4] = ["soft chair", "swivel chair", "padded chair", "armchair"];
-
 /// A figure as text.
 type FigureText<'a> = &'a dyn Fn(&Figures) -> String;
 
@@ -123,8 +120,8 @@ pub fn by_headset(columns: &[(&str, &Figures)]) -> Table {
         percent(objects.visible, objects.due)
     };
     let soft = |figures: &Figures| {
-        let soft = SOFT_CHAIRS.map(|kind| figures.of_kind(kind).rates());
-        share(soft.iter().map(|r| r.warned).sum(), soft.iter().map(|r| r.due).sum())
+        let chairs = figures.of_kind("soft chair").rates();
+        share(chairs.warned, chairs.due)
     };
     let per_hour = |count: u64, figures: &Figures| formatted(count as f64 * 3600.0 / figures.played_s, 1);
     let width = |figures: &Figures| {

@@ -247,19 +247,25 @@ impl<'s> Target<'s> {
         }
         let is_due = distance_m <= DEADLINE_M
             || (closing_m_per_s > MIN_CLOSING_M_PER_S && distance_m / closing_m_per_s <= DEADLINE_S);
-        self.update_approach(time_s, is_due, head, scene)
+        self.update_approach(session, time_s, is_due, (head, scene))
     }
 
     /// Updates the approach, if there is one; returns it when it is over.
-    fn update_approach(&mut self, time_s: f64, is_due: bool, head: &Pose, scene: &Scene) -> Option<Approach> {
+    fn update_approach(
+        &mut self,
+        session: &Session,
+        time_s: f64,
+        is_due: bool,
+        (head, scene): (&Pose, &Scene),
+    ) -> Option<Approach> {
         if let Some(open) = &self.approach {
             if !open.is_scored && (is_due || self.distance_m <= open.nearest.deadline_m) {
                 let is_first = open.nearest.is_first;
-                let nearest = Approach { is_first, ..self.current_approach(time_s, head, scene) };
+                let nearest = Approach { is_first, ..self.current_approach(session, time_s, head, scene) };
                 self.approach = Some(OpenApproach { nearest, is_scored: is_due });
             }
         } else if self.distance_m < Rates::NEAR_M {
-            let nearest = self.current_approach(time_s, head, scene);
+            let nearest = self.current_approach(session, time_s, head, scene);
             self.approach = Some(OpenApproach { nearest, is_scored: is_due });
             self.approached = true;
         }
@@ -271,9 +277,13 @@ impl<'s> Target<'s> {
         self.approach.take().map(|open| open.nearest)
     }
 
-    fn current_approach(&self, time_s: f64, head: &Pose, scene: &Scene) -> Approach {
+    fn current_approach(&self, session: &Session, time_s: f64, head: &Pose, scene: &Scene) -> Approach {
         let of_it = scene.obstacles.iter().filter(|obstacle| self.is_at(obstacle.position_m));
-        let errors_m = of_it.map(|obstacle| self.distance_to_m(obstacle.position_m)).collect();
+        let error_m = |obstacle: &Obstacle| match self.geometry {
+            TargetGeometry::Object(object, _) => session.distance_to_m(object, obstacle.position_m),
+            TargetGeometry::Wall(_) => f64::INFINITY,
+        };
+        let errors_m = of_it.map(error_m).collect();
         Approach {
             kind: self.kind.clone(),
             deadline_s: time_s,
