@@ -7,7 +7,7 @@
 //!     cargo run --release -p lab --example train_classifier -- score dining.csv > scored.json
 //!
 //! The output of `train` replaces the model file of `radar_mapping::Model`. `score` prints the program's own model with
-//! the score in its card. `--without "height (m)"` trains without a feature, and may be repeated.
+//! the score in its card. Each file weighs the same, however many examples it has. `--without "height (m)"` trains without a feature, and may be repeated.
 //!
 //! Each seed is another room, and the rooms take turns in what they are played with ([`SESSIONS`]). Rooms that figures
 //! are taken from must not be trained on. The examples depend slightly on the model in use: after a large change of the
@@ -44,10 +44,11 @@ fn main() -> Result<()> {
         }
         ("train", of) => {
             let (files, without) = files_and_features(of)?;
-            print!("{}", read(&files)?.without(&without).train(command).to_json());
+            let examples = TrainingSet::weighed_alike(read(&files)?);
+            print!("{}", examples.without(&without).train(command).to_json());
         }
         ("score", files) => {
-            let score = read(files)?.score(Model::embedded(), command);
+            let score = TrainingSet::weighed_alike(read(files)?).score(Model::embedded(), command);
             print!("{}", Model::embedded().clone().with_held_out(score).to_json());
         }
         _ => bail!(USAGE),
@@ -94,9 +95,11 @@ fn files_and_features(arguments: &[String]) -> Result<(Vec<String>, Vec<usize>)>
     Ok((files, without))
 }
 
-fn read(files: &[String]) -> Result<TrainingSet> {
-    files.iter().try_fold(TrainingSet::default(), |set, file| {
+/// The examples of each file.
+fn read(files: &[String]) -> Result<Vec<TrainingSet>> {
+    let one = |file: &String| {
         let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {file}"))?;
-        Ok(set.merged(TrainingSet::from_csv(&text).with_context(|| file.clone())?))
-    })
+        TrainingSet::from_csv(&text).with_context(|| file.clone())
+    };
+    files.iter().map(one).collect()
 }

@@ -69,6 +69,18 @@ impl TrainingSet {
         self
     }
 
+    /// The sets together, each with the same weight in all, however many examples it has.
+    #[must_use]
+    pub fn weighed_alike(mut sets: Vec<Self>) -> Self {
+        let weight = |set: &Self| set.rows.iter().map(|row| row.weight).sum::<f64>();
+        let mean = sets.iter().map(weight).sum::<f64>() / sets.len().max(1) as f64;
+        for set in &mut sets {
+            let factor = mean / weight(set).max(1e-300);
+            set.rows.iter_mut().for_each(|row| row.weight *= factor);
+        }
+        sets.into_iter().fold(Self::default(), Self::merged)
+    }
+
     /// The same with these features the same in every example, so that nothing is learned from them.
     #[must_use]
     pub fn without(mut self, features: &[usize]) -> Self {
@@ -198,10 +210,10 @@ enum TrueClass {
 }
 
 fn true_class(session: &Session, time_s: f64, weighed: &ScoredCandidate) -> TrueClass {
-    let there = session.things().into_iter().filter(|object| time_s < object.until_s);
-    let parts = there.flat_map(|object| &object.thing.scatterers);
-    let to_thing_m = parts.map(|part| part.position_m.distance(weighed.position_m)).fold(f64::INFINITY, f64::min);
-    if to_thing_m <= OBJECT_RADIUS_M {
+    let things = session.things();
+    let there = (0..things.len()).filter(|&n| time_s < things[n].until_s);
+    let is_at = |n: usize| session.distance_to_m(n, weighed.position_m) <= OBJECT_RADIUS_M;
+    if there.into_iter().any(is_at) {
         TrueClass::Object
     } else if session.walls().iter().any(|wall| wall.distance_m(weighed.position_m) <= OBJECT_RADIUS_M) {
         TrueClass::Surface
@@ -256,6 +268,21 @@ mod tests {
             assert_eq!(refused(&broken), CsvError::Line(4));
         }
         assert!(set.without(&[16]).rows.iter().all(|row| row.features[16] == 0.0));
+    }
+
+    #[test]
+    fn a_small_set_weighs_as_much_as_a_large_one() {
+        let set = |count: usize, is_object: bool| TrainingSet {
+            commands: vec![format!("play {count}")],
+            rows: vec![row(1.0, is_object); count],
+        };
+        let both = TrainingSet::weighed_alike(vec![set(300, true), set(100, false)]);
+        let weight = |is_object: bool| -> f64 {
+            both.rows.iter().filter(|row| row.is_object == is_object).map(|row| row.weight).sum()
+        };
+        assert!((weight(true) - 200.0).abs() < 1e-9 && (weight(false) - 200.0).abs() < 1e-9);
+        assert_eq!((both.counts(), both.commands.len()), ((300, 100), 2));
+        assert_eq!(TrainingSet::weighed_alike(Vec::new()).counts(), (0, 0));
     }
 
     #[test]
