@@ -1,10 +1,10 @@
-//! Names that settings had before, so that files and recordings of before still open.
+//! Names that settings had before, and settings that are no more, so that files and recordings of before still open.
 
 use toml::{Table, Value};
 
 /// Old and new path, in the order in which they are applied: a table's own name after the names in
 /// it.
-const RENAMED: [(&str, &str); 27] = [
+const RENAMED: [(&str, &str); 26] = [
     ("rooms.blocks.block_s", "rooms.blocks.duration_s"),
     ("rooms.blocks.memory_s", "rooms.blocks.decay_s"),
     ("rooms.blocks.mirror_min_amplitude", "rooms.blocks.plane_min_amplitude"),
@@ -12,7 +12,6 @@ const RENAMED: [(&str, &str); 27] = [
     ("rooms.explain.plane_min_blocks", "rooms.explain.plane_min_subapertures"),
     ("rooms.explain.claim_range_m", "rooms.explain.mask_range_m"),
     ("rooms.explain.claim_lobes", "rooms.explain.mask_lobes"),
-    ("rooms.explain.uneven_cost", "rooms.explain.amplitude_spread_cost"),
     ("rooms.explain", "rooms.clean"),
     ("rooms.map.confirm_sightings", "rooms.map.confirm_observations"),
     ("rooms.map.confirm_wall_sightings", "rooms.map.confirm_wall_observations"),
@@ -34,11 +33,20 @@ const RENAMED: [(&str, &str); 27] = [
     ("rooms.moving.forget_s", "rooms.moving.drop_after_s"),
 ];
 
-/// Gives every setting its present name. Where a file holds both names, the present one counts.
+/// Settings that are no more, by the names that they had at the end of the renaming.
+const REMOVED: [&str; 2] = ["rooms.clean.amplitude_spread_cost", "rooms.clean.uneven_cost"];
+
+/// Gives every setting its present name, and leaves out those that are no more. Where a file holds both names, the
+/// present one counts.
 pub(super) fn with_present_names(mut settings: Table) -> Table {
     for (old, new) in RENAMED {
         if let Some(value) = take(&mut settings, old) {
             put(&mut settings, new, value);
+        }
+    }
+    for name in REMOVED {
+        if take(&mut settings, name).is_some() {
+            log::warn!("the setting {name} exists no longer and is ignored");
         }
     }
     settings
@@ -107,6 +115,12 @@ mod tests {
         assert_eq!(settings.rooms.subapertures.decay_s, 2.0);
         assert_eq!(settings.rooms.tracks.confirm_log_odds, 1.2);
         assert_eq!(settings.rooms.tracks.existence.max_log_odds, 5.0);
+    }
+
+    #[test]
+    fn settings_that_are_no_more_are_ignored() {
+        let text = "[rooms.explain]\nuneven_cost = 2.0\n[rooms.clean]\namplitude_spread_cost = 1.0\nwindow_s = 5.0";
+        assert_eq!(Settings::from_toml(text, &[]).unwrap().rooms.clean.window_s, 5.0);
     }
 
     #[test]

@@ -66,9 +66,6 @@ pub struct CleanSettings {
     pub mask_range_m: f64,
     /// Half-width of a mask in cosine, in units of λ/2L, where L is the sub-aperture's aperture.
     pub mask_lobes: f64,
-    /// Evidence that a point loses for the squared deviation, in e-folds, of each sub-aperture's
-    /// implied reflected power from their mean.
-    pub amplitude_spread_cost: f64,
     /// A point is observable when its 1σ, all directions together, is at most this, metres.
     pub max_sigma_m: f64,
     /// A plane is observable when the feet of its perpendiculars spread by at least this, rms,
@@ -88,7 +85,6 @@ impl BoundedSettings for CleanSettings {
         plane_min_score: 0.0, 1e6;
         mask_range_m: 0.0, 10.0;
         mask_lobes: 0.0, 1e3;
-        amplitude_spread_cost: 0.0, 1e6;
         max_sigma_m: 0.01, 10.0;
         min_feet_rms_m: 0.0, 10.0;
         min_over_point: -1e6, 1e6;
@@ -106,7 +102,6 @@ impl Default for CleanSettings {
             plane_min_score: 14.0,
             mask_range_m: 0.15,
             mask_lobes: 1.5,
-            amplitude_spread_cost: 1.0,
             max_sigma_m: 0.25,
             min_feet_rms_m: 0.1,
             min_over_point: 2.0,

@@ -103,7 +103,7 @@ fn ambiguity(best: &Candidate, open: &[Candidate], residual: &Residual) -> f64 {
         let unmasked = candidate.responses.iter().zip(&masks).map(|(response, mask)| {
             response.as_ref().filter(|v| !mask.is_some_and(|mask| mask.covers(v.range_m, v.cos)))
         });
-        residual.score(candidate.hypothesis, unmasked).map_or(0.0, |unmasked| unmasked.score)
+        residual.score(unmasked).map_or(0.0, |unmasked| unmasked.score)
     };
     let mut greatest = 0.0;
     for candidate in open {

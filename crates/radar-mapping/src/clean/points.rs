@@ -51,7 +51,7 @@ impl<'a> PointSearch<'a> {
         };
         let of_all = self.cache.cached(place).iter().zip(residual.masks().iter());
         let responses: Vec<Option<Response>> = of_all.map(unmasked).collect();
-        let unmasked = residual.score(Hypothesis::Point(place), responses.iter().map(Option::as_ref));
+        let unmasked = residual.score(responses.iter().map(Option::as_ref));
         unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score)
     }
 

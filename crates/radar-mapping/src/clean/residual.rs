@@ -25,21 +25,13 @@ impl<'a> Residual<'a> {
     /// A candidate without its masked responses.
     pub fn candidate(&self, hypothesis: Hypothesis, mut responses: Vec<Option<Response>>) -> Candidate {
         self.masks.apply(&mut responses);
-        let unmasked = self.score(hypothesis, responses.iter().map(Option::as_ref));
+        let unmasked = self.score(responses.iter().map(Option::as_ref));
         Candidate { hypothesis, query_index: None, responses, unmasked }
     }
 
     /// Score of a hypothesis over its unmasked responses.
-    pub fn score<'v>(
-        &self,
-        hypothesis: Hypothesis,
-        unmasked: impl Iterator<Item = Option<&'v Response>>,
-    ) -> Option<Score> {
-        let responses = self.subapertures.weighted(unmasked);
-        match hypothesis {
-            Hypothesis::Plane(_) => Score::of_plane(responses),
-            Hypothesis::Point(_) => Score::of_point(responses, self.settings),
-        }
+    pub fn score<'v>(&self, unmasked: impl Iterator<Item = Option<&'v Response>>) -> Option<Score> {
+        Score::of(self.subapertures.weighted(unmasked))
     }
 
     /// What is masked in each sub-aperture.
@@ -60,7 +52,7 @@ impl<'a> Residual<'a> {
             let responses = candidate.responses.iter_mut().zip(&masks);
             responses.for_each(|(response, mask)| mask.iter().for_each(|mask| mask.apply(response)));
             if candidate.responses.iter().flatten().count() < seen_before {
-                candidate.unmasked = self.score(candidate.hypothesis, candidate.responses.iter().map(Option::as_ref));
+                candidate.unmasked = self.score(candidate.responses.iter().map(Option::as_ref));
             }
         }
         self.masks.add(masks);

@@ -1,15 +1,9 @@
 //! Score of one hypothesis over a window's responses, and other features that separate objects from
 //! artefacts.
-//!
-//! An object returns about the same power from sub-aperture to sub-aperture, once distance and beam
-//! are allowed for. A point on the wrong side of a range circle, or one put together from parts of
-//! several objects, does not, as the strengths that it would need differ. The score of a point is
-//! therefore its evidence less a cost of their squared deviations.
 
 use std::collections::BTreeMap;
 
 use super::super::responses::Response;
-use super::CleanSettings;
 
 /// Length of the time segments, of which the robust score leaves out the best one, nanoseconds.
 /// Choice: three sub-apertures of 90 ms; an artefact of one gesture lives in about as many, while
@@ -30,7 +24,7 @@ pub(super) struct WeightedResponse<'v> {
 /// Score over responses.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Score {
-    /// A/√B; for a point, A is reduced by the cost of uneven strengths.
+    /// A/√B.
     pub score: f64,
     pub subapertures: usize,
     pub first_ns: i64,
@@ -38,64 +32,30 @@ pub(super) struct Score {
 }
 
 impl Score {
-    /// For a plane: it returns from another point of itself each time.
-    pub fn of_plane<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>) -> Option<Self> {
-        Self::of(responses, 0.0)
-    }
-
-    /// For a point.
-    pub fn of_point<'v>(
-        responses: impl Iterator<Item = WeightedResponse<'v>>,
-        settings: &CleanSettings,
-    ) -> Option<Self> {
-        Self::of(responses, settings.amplitude_spread_cost)
-    }
-
-    fn of<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>, amplitude_spread_cost: f64) -> Option<Self> {
-        let (mut a, mut b, mut subapertures, mut strengths) = (0.0, 0.0, 0, Strengths::default());
+    /// Over the unmasked responses of a point or a plane; `None` with too few.
+    pub fn of<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>) -> Option<Self> {
+        let (mut a, mut b, mut subapertures) = (0.0, 0.0, 0);
         let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
         for WeightedResponse { response, weight, time_ns } in responses {
             a += weight * response.evidence;
             b += weight * weight;
             subapertures += 1;
             (first_ns, last_ns) = (first_ns.min(time_ns), last_ns.max(time_ns));
-            strengths.push(response, weight);
         }
-        let score = (a - amplitude_spread_cost * strengths.squared_deviations()) / b.sqrt();
-        (subapertures >= MIN_SUBAPERTURES).then_some(Self { score, subapertures, first_ns, last_ns })
+        (subapertures >= MIN_SUBAPERTURES).then_some(Self { score: a / b.sqrt(), subapertures, first_ns, last_ns })
     }
 }
 
-/// Logarithms of the strengths that significant responses imply: weighted sums relative to the
-/// first, so no significant precision is lost to cancellation.
-#[derive(Debug, Clone, Copy, Default)]
-struct Strengths {
-    first: Option<f64>,
-    weight: f64,
-    sum: f64,
-    sum_of_squares: f64,
-}
-
-impl Strengths {
-    fn push(&mut self, response: &Response, weight: f64) {
-        let Some(ln_strength) = response.ln_strength else { return };
-        let off = ln_strength - *self.first.get_or_insert(ln_strength);
-        self.weight += weight;
-        self.sum += weight * off;
-        self.sum_of_squares += weight * off * off;
-    }
-
-    /// Weighted sum of the squared deviations from the mean.
-    fn squared_deviations(&self) -> f64 {
-        (self.sum_of_squares - self.sum * self.sum / self.weight.max(1e-300)).max(0.0)
-    }
-}
-
-/// Spread of the strengths that significant responses imply, 1σ in e-folds of power.
+/// Spread of the strengths that significant responses imply, 1σ in e-folds of power; 0 without any.
+///
+/// An object returns about the same power from sub-aperture to sub-aperture, once distance and beam
+/// are allowed for. A point on the wrong side of a range circle, or one put together from parts of
+/// several objects, does not.
 pub(super) fn amplitude_spread_of<'v>(responses: impl Iterator<Item = &'v Response>) -> f64 {
-    let mut strengths = Strengths::default();
-    responses.for_each(|response| strengths.push(response, 1.0));
-    (strengths.squared_deviations() / strengths.weight.max(1.0)).sqrt()
+    let ln_strengths: Vec<f64> = responses.filter_map(|response| response.ln_strength).collect();
+    let count = ln_strengths.len().max(1) as f64;
+    let mean = ln_strengths.iter().sum::<f64>() / count;
+    (ln_strengths.iter().map(|ln_strength| (ln_strength - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
 /// The score without the segment of time that contributes most to it; −∞ when there is only one.
@@ -130,25 +90,18 @@ mod tests {
         })
     }
 
-    fn score(responses: &[Response]) -> f64 {
-        Score::of_point(weighted(responses), &CleanSettings::default()).unwrap().score
-    }
-
     #[test]
-    fn score_loses_squared_strength_deviations() {
-        let settings = CleanSettings::default();
+    fn spread_is_that_of_the_strengths_and_not_of_the_echoes() {
         let even: Vec<Response> = (1..=10).map(|n| response(20.0, 20.0, 0.1 * f64::from(n))).collect();
-        // The same echoes, as strong as the gain lets them be, and against it.
+        // Echoes as strong as the gain lets them be, and against it.
         let as_expected: Vec<Response> = even.iter().map(|v| response(20.0, 100.0 * v.gain, v.gain)).collect();
         let against: Vec<Response> = even.iter().map(|v| response(20.0, 100.0 / v.gain, v.gain)).collect();
-        let plain = Score::of_plane(weighted(&even)).unwrap().score;
-        assert!((score(&as_expected) - plain).abs() < 1e-9);
         assert!(amplitude_spread_of(as_expected.iter()) < 1e-9);
         let off = against.iter().filter_map(|response| response.ln_strength);
         let mean = off.clone().sum::<f64>() / 10.0;
         let squares: f64 = off.map(|x| (x - mean).powi(2)).sum();
-        assert!((score(&against) - (plain - settings.amplitude_spread_cost * squares / 10f64.sqrt())).abs() < 1e-9);
         assert!((amplitude_spread_of(against.iter()) - (squares / 10.0).sqrt()).abs() < 1e-9);
+        assert_eq!(amplitude_spread_of([].iter()), 0.0);
     }
 
     #[test]

@@ -4,8 +4,8 @@
 //! near as its horizontal distance. An approach to an object begins when the body comes within 1 m
 //! of it. It must be warned of by the deadline: when the body is within 0.4 m, or would be there
 //! within 0.6 s at its speed; if neither happens, when it is nearest. An object counts as warned of
-//! while a shown shape has a point within 25 cm of one of its scatterers, a wall while a panel in
-//! its plane is shown.
+//! while a shown shape has a point within 25 cm of one of its scatterers; a wall, or the side of a
+//! pillar, while a panel in its plane is shown, or such a point where the body is nearest to it.
 
 use std::collections::VecDeque;
 
@@ -184,14 +184,22 @@ impl<'s> Target<'s> {
             TargetGeometry::Object(_, parts) => {
                 parts.iter().map(|s| body_distance_m(head, s.position_m)).fold(f64::INFINITY, f64::min)
             }
-            TargetGeometry::Wall(wall) => wall.plane.distance(head.translation),
+            // The side of a pillar or corner that faces away cannot be run into.
+            TargetGeometry::Wall(wall) if wall.plane.distance(head.translation) < 0.0 => f64::INFINITY,
+            TargetGeometry::Wall(wall) => wall.distance_m(head.translation),
         }
     }
 
-    fn is_shown(&self, shown: &ShownWarnings) -> bool {
+    fn is_shown(&self, head: &Pose, shown: &ShownWarnings) -> bool {
         match self.geometry {
             TargetGeometry::Object(..) => shown.points_m.iter().any(|point| self.is_at(*point)),
-            TargetGeometry::Wall(wall) => shown.planes.iter().any(|plane| is_same_plane(plane, &wall.plane)),
+            TargetGeometry::Wall(wall) => {
+                let reach_m = self.distance_m + FALSE_REPORT_M;
+                let is_here = |point: &DVec3| {
+                    wall.distance_m(*point) <= FALSE_REPORT_M && body_distance_m(head, *point) <= reach_m
+                };
+                shown.planes.iter().any(|plane| is_same_plane(plane, &wall.plane)) || shown.points_m.iter().any(is_here)
+            }
         }
     }
 
@@ -237,7 +245,7 @@ impl<'s> Target<'s> {
         let before_m = if self.distance_m.is_finite() { self.distance_m } else { distance_m };
         let closing_m_per_s = (before_m - distance_m) / step_s.max(1e-9);
         self.distance_m = distance_m;
-        let is_warned = self.is_shown(shown);
+        let is_warned = self.is_shown(head, shown);
         if is_warned != self.is_warned {
             self.flickered = time_s - self.changed_s < FLICKER_S;
             (self.is_warned, self.lead_m, self.changed_s) = (is_warned, 0.0, time_s);
