@@ -114,6 +114,6 @@ mod tests {
 
     #[test]
     fn two_subapertures_give_no_score() {
-        assert!(Score::of_plane(weighted(&[response(20.0, 20.0, 1.0); 2])).is_none());
+        assert!(Score::of(weighted(&[response(20.0, 20.0, 1.0); 2])).is_none());
     }
 }

@@ -27,9 +27,9 @@ pub struct Approach {
     pub deadline_m: f64,
     /// Time in the beam up to the deadline, seconds.
     pub in_beam_s: f64,
-    /// Time up to the deadline in which its echo was strong enough for any reconstruction with this
-    /// sensor, seconds.
-    pub visible_s: f64,
+    /// Whether its echoes up to the deadline could locate it: at least three that were 10 dB over the noise of a
+    /// sub-aperture, whose ranges and directions fix a point to 25 cm. True for walls.
+    pub locatable: bool,
     /// Whether it is the first approach to this object.
     pub is_first: bool,
     /// Whether a warning was shown at the deadline.
@@ -134,9 +134,8 @@ pub struct Rates {
     pub due: usize,
     /// Of these, warned of in time.
     pub warned: usize,
-    /// Of the due, those whose echo was strong enough for long enough: the upper bound for any
-    /// reconstruction.
-    pub visible: usize,
+    /// Of the due, those that could be located: the upper bound for any reconstruction.
+    pub locatable: usize,
     /// First approaches only: due.
     pub first_due: usize,
     /// First approaches only: warned of in time.
@@ -229,7 +228,7 @@ impl Figures {
         Rates {
             due: due.len(),
             warned: due.iter().filter(|a| a.warned).count(),
-            visible: due.iter().filter(|a| a.visible_s >= Rates::SEEN_S).count(),
+            locatable: due.iter().filter(|a| a.locatable).count(),
             first_due: firsts().count(),
             first_warned: firsts().filter(|a| a.warned).count(),
             lead_median_m: quantile(&leads, 0.5),
@@ -272,7 +271,7 @@ mod tests {
             deadline_s: 1.0,
             deadline_m: 0.4,
             in_beam_s,
-            visible_s: in_beam_s / 2.0,
+            locatable: in_beam_s > 1.0,
             is_first,
             warned: lead_m > 0.0,
             lead_m,
@@ -304,7 +303,7 @@ mod tests {
             ..Default::default()
         };
         let rates = figures.rates();
-        assert_eq!((rates.due, rates.warned, rates.first_due, rates.first_warned, rates.visible), (2, 1, 1, 1, 1));
+        assert_eq!((rates.due, rates.warned, rates.first_due, rates.first_warned, rates.locatable), (2, 1, 1, 1, 1));
         assert_eq!((rates.false_per_min, rates.false_near_per_min, rates.hands_per_min), (4.0, 2.0, 2.0));
         assert_eq!((rates.error_median_m, rates.forget_median_s), (0.02, f64::INFINITY));
         assert_eq!(

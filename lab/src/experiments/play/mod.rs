@@ -3,6 +3,7 @@
 //! stays reported.
 
 mod figures;
+mod locatable;
 pub mod moving;
 mod present;
 mod reports;

@@ -10,22 +10,22 @@ pub fn by_kind(figures: &Figures) -> Table {
     rows.push(kind_row("all but walls", &figures.without_walls().rates()));
     rows.push(kind_row("all", &figures.rates()));
     let head = [
-        "object", "due", "in time", "share", "visible", "first", "in time", "lead", "lead p10", "error", "p90",
-        "nearer", "wider", "higher",
+        "object", "due", "in time", "share", "bound", "first", "in time", "lead", "lead p10", "error", "p90", "nearer",
+        "wider", "higher",
     ];
     Table { head: head.map(str::to_owned).to_vec(), rows, caption: CAPTION.into() }
 }
 
 const CAPTION: &str = "due: approaches within 1 m of an object that had been in the beam and not hidden for 0.75 s. \
-    visible: those whose own direct echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for \
-    any reconstruction. first: each object's first approach. lead: distance at which the warning came on, m, 0 when \
+    bound: those of whose own direct echoes at least three were 10 dB over the noise of a sub-aperture and \
+    fixed a point to 25 cm by range and direction, the most that any reconstruction could warn of. first: each object's first approach. lead: distance at which the warning came on, m, 0 when \
     missed. error: from reported positions to the object's surface or nearest scatterer, m. nearer, wider, higher: bounds of the reported \
     cells of objects warned of, minus those of the objects' scatterers; medians, m.";
 
 const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the approaches within 1 m of an object \
     that had been in the beam and not hidden for 0.75 s, without walls. first: of each object's first approach. \
-    visible: those whose echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for any \
-    reconstruction. lead: \
+    bound: those of whose echoes at least three were 10 dB over the noise of a sub-aperture and fixed a \
+    point to 25 cm by range and direction, the most that any reconstruction could warn of. lead: \
     distance at which the warning came on, 0 when missed. false near: false reports, counted each time that one comes \
     within 1 m of the body; false: each false report once, anywhere. error: from reported positions to the \
     object's surface or nearest scatterer, median. removed: a chair that was carried away, time in the beam until it is no longer reported, \
@@ -38,7 +38,7 @@ fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
         rates.due.to_string(),
         rates.warned.to_string(),
         percent(rates.warned, rates.due),
-        rates.visible.to_string(),
+        rates.locatable.to_string(),
         rates.first_due.to_string(),
         rates.first_warned.to_string(),
         metres(rates.lead_median_m),
@@ -115,9 +115,9 @@ pub fn by_headset(columns: &[(&str, &Figures)]) -> Table {
         let objects = figures.without_walls().rates();
         share(objects.warned, objects.due)
     };
-    let visible = |figures: &Figures| {
+    let locatable = |figures: &Figures| {
         let objects = figures.without_walls().rates();
-        percent(objects.visible, objects.due)
+        percent(objects.locatable, objects.due)
     };
     let soft = |figures: &Figures| {
         let chairs = figures.of_kind("soft chair").rates();
@@ -132,7 +132,7 @@ pub fn by_headset(columns: &[(&str, &Figures)]) -> Table {
     let rows: [(&str, &str, FigureText); 12] = [
         ("warned before 0.4 m or 0.6 s, %", "≥ 98; 97; 93", &in_time),
         ("   soft chairs", "≥ 93; 90; –", &soft),
-        ("   visible, the bound", "", &visible),
+        ("   could be located, the bound", "", &locatable),
         ("false reports near the body, per minute", "≤ 0.2; 0.25; 0.5", &|f| {
             formatted(f.rates().false_near_per_min, 2)
         }),
@@ -223,7 +223,7 @@ pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Tabl
             name.into(),
             percent(objects.warned, objects.due),
             percent(objects.first_warned, objects.first_due),
-            percent(objects.visible, objects.due),
+            percent(objects.locatable, objects.due),
             formatted(objects.lead_median_m, 2),
             formatted(objects.lead_p10_m, 2),
             formatted(all.false_near_per_min, 2),
@@ -236,7 +236,7 @@ pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Tabl
         "setting",
         "in time, %",
         "first, %",
-        "visible, %",
+        "bound, %",
         "lead, m",
         "p10, m",
         "false near, /min",

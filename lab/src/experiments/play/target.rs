@@ -12,6 +12,7 @@ use std::collections::VecDeque;
 use glam::DVec3;
 
 use super::figures::{Approach, BoundErrors, Detected, Rates};
+use super::locatable::Locatable;
 use a121::frame_timing;
 use radar_mapping::{Obstacle, Scene};
 use radar_sar::geometry::{Aabb, Plane, Pose};
@@ -79,7 +80,7 @@ pub(super) struct Target<'s> {
     /// What the sensor receives of it, and the time for which that was computed, seconds.
     illumination: (Illumination, f64),
     in_beam_s: f64,
-    visible_s: f64,
+    locatable: Locatable,
     distance_m: f64,
     is_warned: bool,
     changed_s: f64,
@@ -127,7 +128,7 @@ impl<'s> Target<'s> {
             until_s,
             illumination: (Illumination::default(), f64::NEG_INFINITY),
             in_beam_s: 0.0,
-            visible_s: 0.0,
+            locatable: Locatable::default(),
             distance_m: f64::INFINITY,
             is_warned: false,
             changed_s: f64::NEG_INFINITY,
@@ -237,9 +238,9 @@ impl<'s> Target<'s> {
         }
         if time_s - self.illumination.1 >= ILLUMINATION_STEP_S {
             self.illumination = (self.illumination(session, time_s), time_s);
+            self.locate(session, time_s);
         }
         self.in_beam_s += if self.illumination.0.in_beam { step_s } else { 0.0 };
-        self.visible_s += if self.illumination.0.visible { step_s } else { 0.0 };
         let distance_m = self.body_distance_m(head);
         // The closing speed of the first step is 0.
         let before_m = if self.distance_m.is_finite() { self.distance_m } else { distance_m };
@@ -256,6 +257,16 @@ impl<'s> Target<'s> {
         let is_due = distance_m <= DEADLINE_M
             || (closing_m_per_s > MIN_CLOSING_M_PER_S && distance_m / closing_m_per_s <= DEADLINE_S);
         self.update_approach(session, time_s, is_due, (head, scene))
+    }
+
+    /// Takes the echo of the newest sub-aperture.
+    fn locate(&mut self, session: &Session, time_s: f64) {
+        let Some(around) = self.around.filter(|_| self.illumination.0.visible) else { return };
+        let sensor_m = |offset_s: f64| session.sensor_at(time_s + offset_s).translation;
+        let displacement_m = sensor_m(0.5 * SUBAPERTURE_S) - sensor_m(-0.5 * SUBAPERTURE_S);
+        let profiles = session.play().config.subsweeps.iter().map(|subsweep| subsweep.profile);
+        let range_sigma_m = 0.5 * profiles.map(|profile| profile.envelope_fwhm_m()).fold(f64::INFINITY, f64::min);
+        self.locatable.push(&session.sensor_at(time_s), displacement_m, around.center(), range_sigma_m);
     }
 
     /// Updates the approach, if there is one; returns it when it is over.
@@ -297,7 +308,7 @@ impl<'s> Target<'s> {
             deadline_s: time_s,
             deadline_m: self.distance_m,
             in_beam_s: self.in_beam_s,
-            visible_s: self.visible_s,
+            locatable: self.around.is_none() || self.locatable.is_reached(),
             is_first: !self.approached,
             warned: self.is_warned,
             lead_m: if self.is_warned { self.lead_m } else { 0.0 },
