@@ -3,9 +3,10 @@
 //!
 //! Sessions are played once; their examples are kept as a table (CSV), from which models are trained and scored with
 //! and without single features. A detection within 25 cm of an object's scatterer is a positive example. One where nothing is
-//! present is a negative example. One on a wall, the floor or the ceiling is a negative example of
-//! lower weight: surfaces are reported as planes, so it misleads nobody. Detections of the same
-//! place in many updates share one place's weight: n of them count √n.
+//! present is a negative example. One on the floor or the ceiling is a negative example of low weight: it misleads
+//! nobody, but there is no need to warn of it. One on a wall is no example: it may be run into, and most detections in
+//! rooms of rough surfaces are of walls, so a model that learns to leave these out learns to leave out what stands near
+//! them. Detections of the same place in many updates share one place's weight: n of them count √n.
 
 mod gradient_boosting;
 
@@ -16,7 +17,7 @@ use super::play::{PlayError, PlayTrial, for_each_update};
 use gradient_boosting::{BoostSettings, FittedTree, LabelledFeatures, Split, boost};
 use radar_mapping::{FEATURES, HeldOutScore, Model, ModelCard, ScoredCandidate, Tree};
 use radar_sar::math;
-use radar_simulation::{PlaySession, Session};
+use radar_simulation::{PlaySession, Session, SessionWall};
 
 /// A detection nearer than this to a scatterer belongs to its object, metres. Choice: the play
 /// scorer uses the same limit.
@@ -24,9 +25,9 @@ const OBJECT_RADIUS_M: f64 = 0.25;
 /// Detections within this of each other are one object, metres. Choice: wider than detections
 /// of one part scatter, which must not count as independent.
 const MERGE_RADIUS_M: f64 = 0.25;
-/// Weight of a detection on a surface relative to one where nothing is. Choice: a point on a wall
-/// is no obstacle of its own, yet nobody is misled by it as by one in free space.
-const SURFACE_WEIGHT: f64 = 0.3;
+/// Weight of a detection on the floor or the ceiling relative to one where nothing is. Choice: at 0.3 objects are told
+/// worse from nothing, and without these they are not told from the floor.
+const FLOOR_WEIGHT: f64 = 0.1;
 /// Hyperparameters. The number of trees is the largest that still improved rooms held out of the
 /// training.
 const SETTINGS: BoostSettings =
@@ -52,7 +53,10 @@ impl TrainingSet {
             let mut candidates = Vec::new();
             for_each_update(&session, trial, |time_s, weighed| {
                 let new = weighed.iter().filter(|weighed| weighed.may_be_new);
-                candidates.extend(new.map(|weighed| (weighed.clone(), true_class(&session, time_s, weighed))));
+                let of_class = |weighed: &ScoredCandidate| {
+                    true_class(&session, time_s, weighed).map(|class| (weighed.clone(), class))
+                };
+                candidates.extend(new.filter_map(of_class));
             });
             Ok(rows(&candidates))
         };
@@ -204,21 +208,24 @@ fn rounded(value: f64) -> f32 {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum TrueClass {
     Object,
-    /// A wall, the floor or the ceiling.
-    Surface,
+    FloorOrCeiling,
     Nothing,
 }
 
-fn true_class(session: &Session, time_s: f64, weighed: &ScoredCandidate) -> TrueClass {
+/// `None`: a wall, which is no example.
+fn true_class(session: &Session, time_s: f64, weighed: &ScoredCandidate) -> Option<TrueClass> {
     let things = session.things();
     let there = (0..things.len()).filter(|&n| time_s < things[n].until_s);
     let is_at = |n: usize| session.distance_to_m(n, weighed.position_m) <= OBJECT_RADIUS_M;
     if there.into_iter().any(is_at) {
-        TrueClass::Object
-    } else if session.walls().iter().any(|wall| wall.distance_m(weighed.position_m) <= OBJECT_RADIUS_M) {
-        TrueClass::Surface
-    } else {
-        TrueClass::Nothing
+        return Some(TrueClass::Object);
+    }
+    let is_near = |wall: &&SessionWall| wall.distance_m(weighed.position_m) <= OBJECT_RADIUS_M;
+    let near: Vec<&SessionWall> = session.walls().iter().filter(is_near).collect();
+    match near.is_empty() {
+        true => Some(TrueClass::Nothing),
+        false if near.iter().any(|wall| wall.plane.is_upright()) => None,
+        false => Some(TrueClass::FloorOrCeiling),
     }
 }
 
@@ -240,7 +247,7 @@ fn rows(candidates: &[(ScoredCandidate, TrueClass)]) -> Vec<LabelledFeatures<{ F
     let row = |((weighed, what), at): (&(ScoredCandidate, TrueClass), &usize)| LabelledFeatures {
         features: weighed.features,
         is_object: *what == TrueClass::Object,
-        weight: if *what == TrueClass::Surface { SURFACE_WEIGHT } else { 1.0 } / (middles[*at].2 as f64).sqrt(),
+        weight: if *what == TrueClass::FloorOrCeiling { FLOOR_WEIGHT } else { 1.0 } / (middles[*at].2 as f64).sqrt(),
     };
     candidates.iter().zip(&of_middle).map(row).collect()
 }
