@@ -4,9 +4,9 @@
 //! Sessions are played once; their examples are kept as a table (CSV), from which models are trained and scored with
 //! and without single features. A detection within 25 cm of an object's scatterer is a positive example. One where nothing is
 //! present is a negative example. One on the floor or the ceiling is a negative example of low weight: it misleads
-//! nobody, but there is no need to warn of it. One on a wall is no example: it may be run into, and most detections in
-//! rooms of rough surfaces are of walls, so a model that learns to leave these out learns to leave out what stands near
-//! them. Detections of the same place in many updates share one place's weight: n of them count √n.
+//! nobody, but there is no need to warn of it. One on a wall is no example: it may be run into, and a model that learns
+//! to reject walls also rejects objects near them. Detections of the same place in many updates share one place's
+//! weight: n of them count √n.
 
 mod gradient_boosting;
 
@@ -25,8 +25,8 @@ const OBJECT_RADIUS_M: f64 = 0.25;
 /// Detections within this of each other are one object, metres. Choice: wider than detections
 /// of one part scatter, which must not count as independent.
 const MERGE_RADIUS_M: f64 = 0.25;
-/// Weight of a detection on the floor or the ceiling relative to one where nothing is. Choice: at 0.3 objects are told
-/// worse from nothing, and without these they are not told from the floor.
+/// Weight of a detection on the floor or the ceiling relative to one where nothing is. Choice: at 0.3 more
+/// objects are taken for artefacts; without these examples the model cannot separate objects from the floor.
 const FLOOR_WEIGHT: f64 = 0.1;
 /// Hyperparameters. The number of trees is the largest that still improved rooms held out of the
 /// training.
@@ -54,7 +54,7 @@ impl TrainingSet {
             for_each_update(&session, trial, |time_s, weighed| {
                 let new = weighed.iter().filter(|weighed| weighed.may_be_new);
                 let of_class = |weighed: &ScoredCandidate| {
-                    true_class(&session, time_s, weighed).map(|class| (weighed.clone(), class))
+                    true_class(&session, time_s, weighed.position_m).map(|class| (weighed.clone(), class))
                 };
                 candidates.extend(new.filter_map(of_class));
             });
@@ -213,14 +213,14 @@ enum TrueClass {
 }
 
 /// `None`: a wall, which is no example.
-fn true_class(session: &Session, time_s: f64, weighed: &ScoredCandidate) -> Option<TrueClass> {
+fn true_class(session: &Session, time_s: f64, position_m: DVec3) -> Option<TrueClass> {
     let things = session.things();
     let there = (0..things.len()).filter(|&n| time_s < things[n].until_s);
-    let is_at = |n: usize| session.distance_to_m(n, weighed.position_m) <= OBJECT_RADIUS_M;
+    let is_at = |n: usize| session.distance_to_m(n, position_m) <= OBJECT_RADIUS_M;
     if there.into_iter().any(is_at) {
         return Some(TrueClass::Object);
     }
-    let is_near = |wall: &&SessionWall| wall.distance_m(weighed.position_m) <= OBJECT_RADIUS_M;
+    let is_near = |wall: &&SessionWall| wall.distance_m(position_m) <= OBJECT_RADIUS_M;
     let near: Vec<&SessionWall> = session.walls().iter().filter(is_near).collect();
     match near.is_empty() {
         true => Some(TrueClass::Nothing),
@@ -275,6 +275,39 @@ mod tests {
             assert_eq!(refused(&broken), CsvError::Line(4));
         }
         assert!(set.without(&[16]).rows.iter().all(|row| row.features[16] == 0.0));
+    }
+
+    #[test]
+    fn positions_have_the_class_of_what_is_there() {
+        let config = a121::preset("d16").unwrap();
+        let session = PlaySession { duration_s: 20.0, ..PlaySession::new(config, 3) }.prepare().unwrap();
+        let things = session.things();
+        let is_free = |point: DVec3| (0..things.len()).all(|n| session.distance_to_m(n, point) > 0.3);
+        let away_m = |point: DVec3| {
+            let upright = session.walls().iter().filter(|wall| wall.plane.is_upright());
+            upright.map(|wall| wall.distance_m(point)).fold(f64::INFINITY, f64::min)
+        };
+        let gone = things.iter().position(|object| object.until_s.is_finite()).unwrap();
+        let there = things[gone].thing.scatterers[0].position_m;
+        assert_eq!(true_class(&session, 0.0, there), Some(TrueClass::Object));
+        assert_ne!(true_class(&session, 20.0, there), Some(TrueClass::Object), "it was carried away");
+        // A lattice over the room finds each kind of place.
+        let lattice = (0..20 * 20 * 30).map(|n| {
+            DVec3::new(f64::from(n % 20), 0.0, f64::from(n / 20 % 20)) * 0.3
+                + DVec3::new(-3.0, 0.1 * f64::from(n / 400), -3.0)
+        });
+        let mut found = [0; 3];
+        for point in lattice.filter(|point| is_free(*point)) {
+            let near_plane = session.walls().iter().any(|wall| wall.distance_m(point) <= OBJECT_RADIUS_M);
+            let (class, expected) = match (away_m(point) <= OBJECT_RADIUS_M, near_plane) {
+                (true, _) => (0, None),
+                (false, true) => (1, Some(TrueClass::FloorOrCeiling)),
+                (false, false) => (2, Some(TrueClass::Nothing)),
+            };
+            assert_eq!(true_class(&session, 0.0, point), expected, "{point}");
+            found[class] += 1;
+        }
+        assert!(found.iter().all(|count| *count > 0), "{found:?}");
     }
 
     #[test]
