@@ -15,9 +15,10 @@ pub const NEAR_M: f64 = 2.5;
 pub const RIGHT_M: f64 = 0.35;
 /// See [`RIGHT_M`].
 pub const FALSE_M: f64 = 0.5;
-/// Time for which former positions count for what is false, seconds. Choice: as long as a track coasts.
-pub const AFTER_S: f64 = 1.2;
-/// Interval of these positions, seconds. Choice: a person moves 0.15 m in between.
+/// Time for which former positions count for what is false, seconds. A track coasts for 1 s, a sub-aperture takes
+/// 0.1 s, and the scene is up to 0.25 s old.
+pub const AFTER_S: f64 = 1.4;
+/// Interval of these positions, seconds, a divisor of [`AFTER_S`]. Choice: a person moves 0.15 m in between.
 const STEP_S: f64 = 0.1;
 
 /// Time near and time shown.
@@ -85,7 +86,7 @@ impl MovingScorer {
         }
         for target in &scene.moving {
             let was_there = |parts_m: &dyn Fn(f64) -> Vec<DVec3>| {
-                let times_s = (0..=(AFTER_S / STEP_S) as u32).map(|n| time_s - f64::from(n) * STEP_S);
+                let times_s = (0..=(AFTER_S / STEP_S).round() as u32).map(|n| time_s - f64::from(n) * STEP_S);
                 times_s.into_iter().any(|time_s| range_off_m(target, &parts_m(time_s)) <= FALSE_M)
             };
             if self.counted.contains(&target.id) || was_there(&|time_s| movers_at(session, time_s)) {
