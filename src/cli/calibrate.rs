@@ -1,5 +1,5 @@
 //! `radar-chaperone calibrate FILE [--out DIR]`: the time offset between poses and sweeps of a
-//! recording.
+//! recording, and the sensor's position on the head.
 
 use std::path::PathBuf;
 
@@ -9,19 +9,22 @@ use clap::Args;
 use super::files::{SettingsArguments, read_streams};
 use crate::app::progress;
 use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot, write_atomically};
-use radar_mapping::{OffsetWindow, Synchronisation, synchronisation};
+use radar_mapping::{MountEstimate, OffsetWindow, Synchronisation, synchronisation};
 
 /// Margin of the enlarged figure before and after the first window, seconds. Choice: the onset of
 /// the motion stays visible on either side of a window.
 const ENLARGED_S: f64 = 0.5;
 
-/// Estimates the time offset between poses and sweeps of a recording, at its start and later
+/// Estimates from a recording the time offset between poses and sweeps, and where the sensor is on the head
 ///
 /// Move the sensor towards a strong reflector and back, several times, beginning at rest. The
 /// offset is estimated over the whole recording, over the first two seconds of motion and over the
 /// rest window by window, from ranges and phases and, as a check, from rates of change. With --out
 /// writes calibration.json and synchronisation.png there. Where a motion does not make the offset
 /// observable, the output says so.
+///
+/// The sensor's position is told by turning: look around before furniture or walls for a minute, from side to side and
+/// up and down.
 #[derive(Debug, Args)]
 pub(super) struct Calibrate {
     /// Recording (.mcap)
@@ -86,6 +89,40 @@ fn report_text(trial: &Synchronisation) -> String {
     text += &table(trial).aligned();
     text += "\nOffset: time of a sweep's pose minus time of the sweep, as stamped.\n";
     text += &verdict(trial);
+    text + &mount_text(trial.mount.as_ref())
+}
+
+/// Where the sensor is, axis by axis, and how to tell what was not told.
+fn mount_text(mount: Option<&MountEstimate>) -> String {
+    const AXES: [(&str, f64); 3] = [("to the right", 1.0), ("up", 1.0), ("forward", -1.0)];
+    const TELL: [&str; 3] = ["turn the head from side to side", "nod", "turn the head farther, to both sides"];
+    let Some(mount) = mount else {
+        return "Mount      not observable: no echo was followed\n".to_owned();
+    };
+    let (position_m, shift_m, sigma_m) = (mount.position_m, mount.shift_m(), mount.sigma_m());
+    let contradicts = mount.contradicts();
+    let mut text = String::new();
+    for (k, (axis, sign)) in AXES.into_iter().enumerate() {
+        let title = if k == 0 { "Mount" } else { "" };
+        let told = match (mount.observed[k], contradicts[k]) {
+            (false, _) => format!("not observed: {}", TELL[k]),
+            (true, false) => "as it is set".to_owned(),
+            (true, true) => format!("{:+.1} mm from where it is set", sign * shift_m[k] * 1e3),
+        };
+        let (position_mm, sigma_mm) = (sign * position_m[k] * 1e3, sigma_m[k] * 1e3);
+        text += &format!("{title:<11}{position_mm:+7.1} ± {sigma_mm:.1} mm {axis}: {told}\n");
+    }
+    if contradicts.contains(&true) {
+        // What was not observed, and what agrees, stays as it is set.
+        let new = |k: usize| if contradicts[k] { position_m[k] } else { mount.told.translation[k] };
+        let [x, y, z] = [0, 1, 2].map(new);
+        let q = mount.told.rotation;
+        text += &format!(
+            "           --set 'tracking.mount={{ translation = [{x:.4}, {y:.4}, {z:.4}], \
+             rotation = [{:.4}, {:.4}, {:.4}, {:.4}] }}' sets it\n",
+            q.x, q.y, q.z, q.w
+        );
+    }
     text
 }
 

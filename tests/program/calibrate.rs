@@ -100,3 +100,20 @@ fn command_prints_the_offset_and_writes_the_figure() {
     folder.run("simulate nothing --motion to-and-fro --duration-s 2 --out b.mcap").succeeds();
     folder.run("calibrate b.mcap").fails_with("no stationary reflector was found");
 }
+
+#[test]
+fn command_finds_the_mount_and_says_what_the_motion_did_not_tell() {
+    let folder = Folder::new("calibrate-mount");
+    // Told 3 cm too far to the left and 2 cm too low.
+    folder.run("simulate play-room --duration-s 60 --seed 40 --mount 0.03,0.05,-0.1 --out play.mcap").succeeds();
+    let told = "--set tracking.mount={translation=[0.0,0.03,-0.1],rotation=[0.0,0.0,0.0,1.0]}";
+    let out = folder.run(&format!("calibrate play.mcap {told} --out found")).succeeds().out;
+    assert!(out.contains("sets it") && out.contains("to the right: +"), "{out}");
+    let mount = &folder.json("found/calibration.json")["mount"];
+    let position_m = |k: usize| mount["position_m"][k].as_f64().unwrap();
+    assert!((position_m(0) - 0.03).abs() < 5e-3 && (position_m(1) - 0.05).abs() < 10e-3, "{mount}");
+    // A sensor that only moves to and fro does not turn.
+    folder.run("simulate corner-reflector --motion to-and-fro --duration-s 8 --out line.mcap").succeeds();
+    let out = folder.run("calibrate line.mcap").succeeds().out;
+    assert!(out.contains("not observed: nod") && !out.contains("tracking.mount"), "{out}");
+}

@@ -102,8 +102,8 @@ pub use scene::{Observed, Obstacle, Scene, Wall};
 pub use search::{DEFAULT_CUBE_M, MapperKind, cube_ahead};
 pub use settings::{MappingSettings, MappingSettingsError, Mode, ProcessingSettings, RadarSettings, TrackingSettings};
 pub use synchronisation::{
-    Lag, LagCurve, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation, SynchronisationError,
-    reflector_series, synchronisation,
+    Lag, LagCurve, MountEstimate, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation,
+    SynchronisationError, reflector_series, synchronisation,
 };
 pub use time_offset_control::TimeOffsetCounters;
 pub use tracks::{RECENT_UPDATES, TrackSettings};

@@ -3,12 +3,14 @@
 //! Once a second the offset is estimated, every ten seconds while estimates confirm the one in use.
 //! An estimate is applied when it is accurate and differs significantly.
 
-use radar_sar::{Observation, TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
+use radar_sar::{Calibration, CalibrationSettings, Observation, SelfCalibration, TimeOffset};
 use serde::{Deserialize, Serialize};
 
 use super::offset_guard::OffsetGuard;
 use super::{SensorState, TrackingSettings};
 
+/// 1σ of the mount in each axis before it is estimated, metres. Choice: a mount that was measured by eye, or not at all.
+const MOUNT_SIGMA_M: f64 = 0.05;
 /// Interval of estimates, nanoseconds, and the interval while the offset in use is confirmed.
 /// Choice: an estimate remembers 20 s of sweeps, of which a second is a useful share; a confirmed
 /// offset seldom changes, and estimates take processor time.
@@ -43,13 +45,13 @@ pub struct TimeOffsetCounters {
 #[derive(Debug)]
 pub(crate) struct TimeOffsetControl {
     /// `None`: the offset is not estimated.
-    estimator: Option<TimeOffsetEstimator>,
+    estimator: Option<SelfCalibration>,
     max_sigma_s: f64,
     /// The offset in use, seconds.
     in_use_s: f64,
     /// 1σ of the estimate in use; `None` while the settings' offset is in use.
     applied_sigma_s: Option<f64>,
-    estimate: Option<TimeOffset>,
+    calibration: Option<Calibration>,
     guard: OffsetGuard,
     next_estimate_ns: Option<i64>,
     /// Sweeps from this time on are used for the next estimate.
@@ -59,13 +61,13 @@ pub(crate) struct TimeOffsetControl {
 
 impl TimeOffsetControl {
     pub fn new(tracking: &TrackingSettings) -> Self {
-        let settings = TimeOffsetSettings { middle_s: tracking.time_offset_s, errors: tracking.errors };
+        let settings = calibration_settings(tracking, tracking.time_offset_s);
         Self {
-            estimator: tracking.estimate_time_offset.then(|| TimeOffsetEstimator::new(settings)),
+            estimator: tracking.estimate_time_offset.then(|| SelfCalibration::new(settings)),
             max_sigma_s: tracking.max_time_offset_sigma_s,
             in_use_s: tracking.time_offset_s,
             applied_sigma_s: None,
-            estimate: None,
+            calibration: None,
             guard: OffsetGuard::default(),
             next_estimate_ns: None,
             listen_from_ns: i64::MIN,
@@ -85,7 +87,12 @@ impl TimeOffsetControl {
 
     /// The last estimate, applied or not.
     pub fn estimate(&self) -> Option<TimeOffset> {
-        self.estimate
+        self.calibration.map(|calibration| calibration.time_offset)
+    }
+
+    /// All that was estimated last.
+    pub fn calibration(&self) -> Option<Calibration> {
+        self.calibration
     }
 
     pub fn counters(&self) -> TimeOffsetCounters {
@@ -96,7 +103,7 @@ impl TimeOffsetControl {
     pub fn push(&mut self, path: &[SensorState], observations: &[Observation]) {
         let Some(estimator) = &mut self.estimator else { return };
         for sensor in path {
-            estimator.push_path(sensor.time_ns, sensor.tracking_from_sensor.translation, sensor.velocity_m_per_s);
+            estimator.push_path(sensor.time_ns, &sensor.tracking_from_sensor, sensor.velocity_m_per_s);
         }
         let listened = observations.iter().filter(|observation| observation.mid_time_ns >= self.listen_from_ns);
         listened.for_each(|observation| estimator.push_sweep(observation));
@@ -126,9 +133,9 @@ impl TimeOffsetControl {
     /// Estimates the offset. Returns the change to apply, seconds; from then on the new offset is in
     /// use. `invalidates_map`: whether a change of so many seconds loses the map.
     pub fn update(&mut self, now_ns: i64, invalidates_map: impl Fn(f64) -> bool) -> Option<f64> {
-        self.estimate = self.estimator.as_mut()?.estimate();
+        self.calibration = self.estimator.as_mut()?.estimate();
         self.counters.estimates += 1;
-        let estimate = self.estimate?;
+        let estimate = self.estimate()?;
         self.counters.tracks = estimate.tracks as u64;
         self.counters.tracks_left_out = estimate.tracks_left_out as u64;
         let is_known = estimate.observable && estimate.sigma_s <= self.max_sigma_s;
@@ -152,7 +159,7 @@ impl TimeOffsetControl {
                 && estimate.sigma_s <= 0.5 * self.max_sigma_s
                 && wrong_s <= MIN_CHANGE_S.max(estimate.sigma_s)
         };
-        self.estimate.as_ref().is_some_and(agrees)
+        self.estimate().as_ref().is_some_and(agrees)
     }
 
     /// Whether an estimate should replace the offset in use.
@@ -164,4 +171,9 @@ impl TimeOffsetControl {
             && wrong_s >= MIN_CHANGE_S
             && (wrong_s >= SIGNIFICANT * estimate.sigma_s || sharper)
     }
+}
+
+/// What is known before anything is estimated; the time offset is searched around `middle_s`.
+pub(crate) fn calibration_settings(tracking: &TrackingSettings, middle_s: f64) -> CalibrationSettings {
+    CalibrationSettings { middle_s, mount_sigma_m: MOUNT_SIGMA_M, errors: tracking.errors }
 }

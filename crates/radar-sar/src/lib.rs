@@ -13,7 +13,7 @@
 //!   front of walls.
 //! - [`refine`]: from a voxel to a position with its covariance; [`cramer_rao_bound`]: how well it
 //!   could be known.
-//! - [`TimeOffsetEstimator`]: time of a sweep's pose minus time of the sweep.
+//! - [`SelfCalibration`]: time offset between poses and sweeps, and the sensor's position on the head, from echoes.
 //! - [`Preselector`] and [`Selection`]: which sweeps to use.
 //! - [`Oracle`]: every statistic slowly, straight from its formula, in f64. All fast paths are
 //!   tested against it.
@@ -98,6 +98,7 @@ mod range_axis;
 mod range_power;
 mod refine;
 mod selection;
+mod self_calibration;
 mod setting_bounds;
 mod signal;
 mod simd;
@@ -106,7 +107,6 @@ pub mod subaperture;
 mod symmetric;
 #[cfg(any(test, feature = "test-data"))]
 pub mod test_data;
-mod time_offset;
 pub mod truth;
 mod volume;
 
@@ -126,13 +126,13 @@ pub use refine::{JointFit, PositionErrors, Refined, best_pair, refine, split};
 pub use selection::{
     Preselection, PreselectionCounters, Preselector, Selection, UnknownSelection, farthest_points, random,
 };
+pub use self_calibration::{Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
 pub use setting_bounds::{BoundedSettings, SettingBound, SettingOutOfBounds};
 pub use signal::{distance_falloff, envelope, template};
 pub use simd::{INSTRUCTIONS_VARIABLE, InstructionSet, UnknownInstructionSet};
 pub use statistic::{Statistic, UnknownStatistic};
 pub use subaperture::subaperture_volume;
 pub use symmetric::eigen;
-pub use time_offset::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 pub use volume::Volume;
 
 /// Carrier frequency, Hz. Source: A121 data sheet.

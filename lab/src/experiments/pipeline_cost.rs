@@ -21,7 +21,7 @@ use radar_sar::Observation;
 use radar_sar::subaperture::{
     Field, FineField, FineSettings, PlaneField, Subaperture, SubapertureBuilder, SubapertureSettings,
 };
-use radar_sar::{TimeOffsetEstimator, TimeOffsetSettings};
+use radar_sar::{CalibrationSettings, SelfCalibration};
 use radar_simulation::{Scenario, ScenarioError, Simulated};
 
 /// Repetitions of each stage, of which the shortest counts. Choice: two may both be disturbed.
@@ -134,15 +134,18 @@ fn joined(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> (V
 }
 
 fn time_offset(observations: &[Observation], path: &[SensorState], settings: &Settings) {
-    let errors = settings.tracking.errors;
-    let mut estimator =
-        TimeOffsetEstimator::new(TimeOffsetSettings { middle_s: settings.tracking.time_offset_s, errors });
+    let tracking = &settings.tracking;
+    let mut estimator = SelfCalibration::new(CalibrationSettings {
+        middle_s: tracking.time_offset_s,
+        mount_sigma_m: 0.05,
+        errors: tracking.errors,
+    });
     let mut path = path.iter().peekable();
     let mut next_ns = observations.first().map_or(0, |o| o.mid_time_ns) + 1_000_000_000;
     for observation in observations {
         estimator.push_sweep(observation);
         while let Some(at) = path.next_if(|at| at.time_ns <= observation.mid_time_ns) {
-            estimator.push_path(at.time_ns, at.tracking_from_sensor.translation, at.velocity_m_per_s);
+            estimator.push_path(at.time_ns, &at.tracking_from_sensor, at.velocity_m_per_s);
         }
         if observation.mid_time_ns >= next_ns {
             next_ns += 1_000_000_000;

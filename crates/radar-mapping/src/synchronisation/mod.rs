@@ -15,6 +15,7 @@
 //! window; [`LagCurve`] follows a changing one.
 
 mod lag_curve;
+mod mount;
 mod ranges;
 mod rates;
 
@@ -22,15 +23,17 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::MappingSettings;
+use crate::time_offset_control::calibration_settings;
 use crate::{Event, Mapper, in_time_order};
 use crate::{Observer, ObserverSettings, SensorState};
 use a121::{Frame, SensorConfig};
 pub use lag_curve::{Lag, LagCurve};
+pub use mount::MountEstimate;
 use radar_sar::Observation;
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 use radar_sar::math;
-use radar_sar::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
+use radar_sar::{SelfCalibration, TimeOffset};
 use ranges::RangeReader;
 use rates::{RateSeries, offset_by_rates};
 
@@ -126,6 +129,8 @@ pub struct Synchronisation {
     pub windows: Vec<OffsetWindow>,
     /// The first window relative to the others; `None`: not both have a result.
     pub start_lag: Option<StartLag>,
+    /// The sensor's position on the head; `None`: no result.
+    pub mount: Option<MountEstimate>,
     /// Spread of radar range minus pose distance with the offset in the settings, as a standard
     /// deviation, metres.
     pub spread_as_set_m: f64,
@@ -171,11 +176,13 @@ pub fn synchronisation(
     estimate(&mut windows, &joined, start_ns, settings);
     estimate_whole(&mut whole[0], &joined, start_ns, settings);
     let whole = whole[0];
+    let mount = mount::mount(&joined, head_from_sensor, settings, middle_s(&whole, set_s));
     let found_s = whole.estimate.filter(|e| e.observable).map(|e| e.offset_s);
     Ok(Synchronisation {
         reflector_m: position_m,
         set_offset_s: set_s,
         start_lag: start_lag(&windows),
+        mount,
         windows,
         whole,
         spread_as_set_m: ranges::spread_m(&radar, &by_poses, set_s),
@@ -348,17 +355,17 @@ fn estimate(windows: &mut [OffsetWindow], joined: &JoinedStreams, start_ns: i64,
         let middle_s = middle_s(window, settings.tracking.time_offset_s);
         let at_ns = |since_s: f64| start_ns.saturating_add((since_s * 1e9).round() as i64);
         let (from_ns, to_ns) = (at_ns(window.from_s), at_ns(window.to_s));
-        let mut estimator = TimeOffsetEstimator::new(TimeOffsetSettings { middle_s, errors: settings.tracking.errors });
+        let mut estimator = SelfCalibration::new(calibration_settings(&settings.tracking, middle_s));
         let [early_ns, late_ns] = [middle_s - PATH_MARGIN_S, middle_s + PATH_MARGIN_S].map(|s| (s * 1e9) as i64);
         let (path_from_ns, path_to_ns) = (from_ns.saturating_add(early_ns), to_ns.saturating_add(late_ns));
         let first = joined.path.partition_point(|at| at.time_ns < path_from_ns);
         for at in joined.path[first..].iter().take_while(|at| at.time_ns <= path_to_ns) {
-            estimator.push_path(at.time_ns, at.tracking_from_sensor.translation, at.velocity_m_per_s);
+            estimator.push_path(at.time_ns, &at.tracking_from_sensor, at.velocity_m_per_s);
         }
         let first = joined.observations.partition_point(|o| o.mid_time_ns < from_ns);
         let within = joined.observations[first..].iter().take_while(|o| o.mid_time_ns <= to_ns);
         within.for_each(|observation| estimator.push_sweep(observation));
-        window.estimate = estimator.estimate();
+        window.estimate = estimator.estimate().map(|calibration| calibration.time_offset);
     }
 }
 

@@ -1,11 +1,4 @@
 //! Normal equations of a few unknowns: accumulated row by row, solved by Cholesky factorisation.
-//!
-//! The first [`HEAD`] unknowns may enter the model in any way. The others enter it linearly, so the
-//! derivatives with respect to them are constant, and their part of the matrix is accumulated once
-//! for all iterations.
-
-/// Number of unknowns whose derivatives change between iterations.
-pub(super) const HEAD: usize = 4;
 
 /// Σ w j jᵀ and Σ w j r over rows j with residuals r, and Σ w r².
 #[derive(Debug, Clone)]
@@ -13,20 +6,34 @@ pub(super) struct NormalEquations {
     size: usize,
     /// Row-major; only the lower triangle is filled.
     matrix: Vec<f64>,
-    right: Vec<f64>,
+    /// Σ w j r: half the cost's gradient, downwards.
+    pub right: Vec<f64>,
     /// Σ w r².
     pub cost: f64,
 }
 
+/// The Cholesky factor of a matrix.
+#[derive(Debug)]
+pub(super) struct Factor {
+    size: usize,
+    /// Row-major lower triangle.
+    lower: Vec<f64>,
+}
+
 impl NormalEquations {
-    /// For at least [`HEAD`] unknowns.
     pub fn new(size: usize) -> Self {
         Self { size, matrix: vec![0.0; size * size], right: vec![0.0; size], cost: 0.0 }
     }
 
-    /// Adds a row, except the part that [`add_rest`](Self::add_rest) adds: derivatives of the model
-    /// with respect to the unknowns, measured minus modelled value, weight.
-    pub fn add(&mut self, head: &[f64; HEAD], rest: &[f64], residual: f64, weight: f64) {
+    /// Adds to an entry on or below the diagonal.
+    pub fn add_entry(&mut self, row: usize, column: usize, value: f64) {
+        self.matrix[row * self.size + column] += value;
+    }
+
+    /// Adds a row: derivatives of the model with respect to the unknowns, measured minus modelled value, weight. The
+    /// model is linear in the unknowns of `rest`, which follow those of `head`, so their products with each other are
+    /// the same in every iteration: [`Self::add_linear`] adds them, once.
+    pub fn add(&mut self, head: &[f64], rest: &[f64], residual: f64, weight: f64) {
         let size = self.size;
         for (i, a) in head.iter().enumerate() {
             self.right[i] += weight * a * residual;
@@ -34,7 +41,8 @@ impl NormalEquations {
                 *sum += weight * a * b;
             }
         }
-        let rows = self.matrix[HEAD * size..].chunks_exact_mut(size).zip(&mut self.right[HEAD..]);
+        let begin = head.len();
+        let rows = self.matrix[begin * size..].chunks_exact_mut(size).zip(&mut self.right[begin..]);
         for ((row, right), a) in rows.zip(rest) {
             let weighted = weight * a;
             *right += weighted * residual;
@@ -45,11 +53,11 @@ impl NormalEquations {
         self.cost += weight * residual * residual;
     }
 
-    /// Adds the constant part of a row: the products of the linear unknowns' derivatives.
-    pub fn add_rest(&mut self, rest: &[f64], weight: f64) {
-        let rows = self.matrix[HEAD * self.size..].chunks_exact_mut(self.size);
+    /// Adds the products of the linear unknowns' derivatives; the first of them is unknown number `begin`.
+    pub fn add_linear(&mut self, begin: usize, rest: &[f64], weight: f64) {
+        let rows = self.matrix[begin * self.size..].chunks_exact_mut(self.size);
         for (i, (row, a)) in rows.zip(rest).enumerate() {
-            for (sum, b) in row[HEAD..].iter_mut().zip(&rest[..=i]) {
+            for (sum, b) in row[begin..].iter_mut().zip(&rest[..=i]) {
                 *sum += weight * a * b;
             }
         }
@@ -62,21 +70,8 @@ impl NormalEquations {
         self.cost += weight * residual * residual;
     }
 
-    /// The step to the least cost, with the diagonal raised by a share (Levenberg's damping);
-    /// `None` when undetermined.
-    pub fn step(&self, damping: f64) -> Option<Vec<f64>> {
-        let factor = self.factor(damping)?;
-        Some(self.back_substituted(&factor, self.right.clone()))
-    }
-
-    /// A row of the inverse: the covariances of one unknown with all.
-    pub fn inverse_row(&self, unknown: usize) -> Option<Vec<f64>> {
-        let factor = self.factor(0.0)?;
-        let unit = (0..self.size).map(|n| if n == unknown { 1.0 } else { 0.0 });
-        Some(self.back_substituted(&factor, unit.collect()))
-    }
-
-    fn factor(&self, damping: f64) -> Option<Vec<f64>> {
+    /// The factor, with the diagonal raised by a share (Levenberg's damping); `None` when the matrix is singular.
+    pub fn factor(&self, damping: f64) -> Option<Factor> {
         let n = self.size;
         let mut l = self.matrix.clone();
         for i in 0..n {
@@ -93,11 +88,14 @@ impl NormalEquations {
                 };
             }
         }
-        Some(l)
+        Some(Factor { size: n, lower: l })
     }
+}
 
-    fn back_substituted(&self, l: &[f64], mut x: Vec<f64>) -> Vec<f64> {
-        let n = self.size;
+impl Factor {
+    /// The solution for a right side.
+    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let (n, l, mut x) = (self.size, &self.lower, right.to_vec());
         for i in 0..n {
             let dot: f64 = (0..i).map(|k| l[i * n + k] * x[k]).sum();
             x[i] = (x[i] - dot) / l[i * n + i];
@@ -108,6 +106,12 @@ impl NormalEquations {
         }
         x
     }
+
+    /// Variance of an unknown: its diagonal entry of the inverse.
+    pub fn variance(&self, unknown: usize) -> f64 {
+        let unit: Vec<f64> = (0..self.size).map(|n| if n == unknown { 1.0 } else { 0.0 }).collect();
+        self.solve(&unit)[unknown]
+    }
 }
 
 #[cfg(test)]
@@ -116,28 +120,26 @@ mod tests {
 
     #[test]
     fn a_line_is_fitted_with_its_covariance() {
-        let mut equations = NormalEquations::new(HEAD + 1);
+        let mut equations = NormalEquations::new(2);
         for x in 0..5 {
             let x = f64::from(x);
-            // The constant is in the head, the slope in the rest; the other unknowns are unused.
-            equations.add(&[1.0, 0.0, 0.0, 0.0], &[x], 3.0 - 0.5 * x, 4.0);
-            equations.add_rest(&[x], 4.0);
+            equations.add(&[1.0], &[x], 3.0 - 0.5 * x, 4.0);
+            equations.add_linear(1, &[x], 4.0);
         }
-        (1..HEAD).for_each(|unused| equations.expect(unused, 0.0, 1.0));
-        let step = equations.step(0.0).unwrap();
-        assert!((step[0] - 3.0).abs() < 1e-12 && (step[HEAD] + 0.5).abs() < 1e-12);
+        let factor = equations.factor(0.0).unwrap();
+        let step = factor.solve(&equations.right);
+        assert!((step[0] - 3.0).abs() < 1e-12 && (step[1] + 0.5).abs() < 1e-12);
         // Var(slope) = σ² / Σ(x − x̄)² = 0.25 / 10.
-        assert!((equations.inverse_row(HEAD).unwrap()[HEAD] - 0.025).abs() < 1e-12);
+        assert!((factor.variance(1) - 0.025).abs() < 1e-12);
     }
 
     #[test]
     fn undetermined_system_is_refused() {
-        let mut equations = NormalEquations::new(HEAD);
-        equations.add(&[1.0, 2.0, 0.0, 0.0], &[], 1.0, 1.0);
-        equations.add(&[2.0, 4.0, 0.0, 0.0], &[], 1.0, 1.0);
-        (2..HEAD).for_each(|unused| equations.expect(unused, 0.0, 1.0));
-        assert_eq!(equations.step(0.0), None);
+        let mut equations = NormalEquations::new(2);
+        equations.add(&[1.0, 2.0], &[], 1.0, 1.0);
+        equations.add(&[2.0, 4.0], &[], 1.0, 1.0);
+        assert!(equations.factor(0.0).is_none());
         equations.expect(1, 0.0, 1.0);
-        assert!(equations.step(0.0).is_some());
+        assert!(equations.factor(0.0).is_some());
     }
 }

@@ -1,0 +1,86 @@
+//! The sensor's position on the head, from a whole recording.
+
+use glam::{DMat3, DVec3};
+use radar_sar::SelfCalibration;
+use radar_sar::geometry::Pose;
+use serde::Serialize;
+
+use super::JoinedStreams;
+use crate::MappingSettings;
+use crate::time_offset_control::calibration_settings;
+
+/// Interval of intermediate estimates, nanoseconds. Choice: half of the estimator's memory of single tracks, so that it
+/// sums up older ones in time.
+const INTERVAL_NS: i64 = 10_000_000_000;
+/// An axis counts as observed up to this 1σ, metres. Choice: a sensor that is 1 cm off displaces a near object by as
+/// much when the head turns; measuring by eye is no better.
+const OBSERVED_M: f64 = 10e-3;
+/// The position that was told is contradicted from this many 1σ and from this many metres on. Choice: 4σ, because jumps of
+/// the tracking leave errors larger than a Gaussian's; a ruler is no better than 5 mm.
+const SIGNIFICANT: f64 = 4.0;
+const MIN_CONTRADICTION_M: f64 = 5e-3;
+
+/// Where the sensor is on the head.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MountEstimate {
+    /// Position of the sensor's phase centre in the head's frame, metres.
+    pub position_m: DVec3,
+    /// Covariance of that, m². An axis that the motion did not tell has the variance that was assumed before.
+    pub covariance_m2: DMat3,
+    /// `head_from_sensor` as it was told.
+    pub told: Pose,
+    /// Whether the motion told it along the head's x, y and z axes.
+    pub observed: [bool; 3],
+}
+
+impl MountEstimate {
+    /// 1σ along the head's axes, metres.
+    pub fn sigma_m(&self) -> DVec3 {
+        let [x, y, z] = self.covariance_m2.to_cols_array_2d();
+        DVec3::new(x[0], y[1], z[2]).map(f64::sqrt)
+    }
+
+    /// By how much the position differs from the one that was told, metres.
+    pub fn shift_m(&self) -> DVec3 {
+        self.position_m - self.told.translation
+    }
+
+    /// The axes that contradict the position that was told.
+    pub fn contradicts(&self) -> [bool; 3] {
+        let (shift_m, sigma_m) = (self.shift_m().to_array(), self.sigma_m().to_array());
+        let bound_m = |k: usize| (SIGNIFICANT * sigma_m[k]).max(MIN_CONTRADICTION_M);
+        std::array::from_fn(|k| self.observed[k] && shift_m[k].abs() > bound_m(k))
+    }
+}
+
+/// Estimates it; `middle_s` is the middle of the search for the time offset. `None` without usable echoes.
+pub(super) fn mount(
+    joined: &JoinedStreams,
+    head_from_sensor: &Pose,
+    settings: &MappingSettings,
+    middle_s: f64,
+) -> Option<MountEstimate> {
+    let mut estimator = SelfCalibration::new(calibration_settings(&settings.tracking, middle_s));
+    let mut path = joined.path.iter().peekable();
+    let mut next_ns = joined.observations.first()?.mid_time_ns.saturating_add(INTERVAL_NS);
+    for observation in &joined.observations {
+        while let Some(at) = path.next_if(|at| at.time_ns <= observation.mid_time_ns) {
+            estimator.push_path(at.time_ns, &at.tracking_from_sensor, at.velocity_m_per_s);
+        }
+        estimator.push_sweep(observation);
+        if observation.mid_time_ns >= next_ns {
+            next_ns = observation.mid_time_ns.saturating_add(INTERVAL_NS);
+            estimator.estimate();
+        }
+    }
+    path.for_each(|at| estimator.push_path(at.time_ns, &at.tracking_from_sensor, at.velocity_m_per_s));
+    let found = estimator.estimate()?;
+    let told = settings.tracking.mount.unwrap_or(*head_from_sensor);
+    let head_from_axes = DMat3::from_quat(told.rotation);
+    let shift_m = head_from_axes * found.mount_shift_m;
+    let covariance_m2 = head_from_axes * found.mount_covariance_m2 * head_from_axes.transpose();
+    let position_m = told.translation + shift_m;
+    let estimate = MountEstimate { position_m, covariance_m2, told, observed: [false; 3] };
+    let observed = estimate.sigma_m().to_array().map(|sigma_m| sigma_m <= OBSERVED_M);
+    Some(MountEstimate { observed, ..estimate })
+}

@@ -1,0 +1,515 @@
+//! Incremental estimator of the corrections: tracks are fitted when they end, open ones at every query.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::combination::{Combination, combine, seen_after, sum};
+use super::corrections::{BIAS, CORRECTIONS, Corrections, Matrix, OFFSET, Quadratic, SHIFT};
+use super::echoes::EchoReader;
+use super::information::Information;
+use super::path::SensorPath;
+use super::track_fit::{MARGIN_NS, TrackFit};
+use super::tracks::{Track, Tracks};
+use crate::geometry::Pose;
+use crate::math;
+use crate::{Observation, PositionErrors};
+
+/// Nearest range used, metres. Measured: in the vendor's recordings the antenna's leakage reaches
+/// to 0.1 m, in profile 3 its tail to 0.2 m.
+const MIN_RANGE_M: f64 = 0.2;
+/// Greatest distance of the time offset from the middle of the search, seconds, and its 1σ before. Choice: delays of
+/// headsets and lines are tens of milliseconds.
+const REACH_S: f64 = 0.1;
+/// 1σ of the range bias before, metres. Source: reality.md's −6 to 0 mm of profile 3, centred.
+const BIAS_SIGMA_M: f64 = 3e-3;
+/// Time offsets that the first iterations start from, relative to the middle of the search, seconds. Choice: descents
+/// begin at most 25 ms off.
+const STARTS_S: [f64; 5] = [0.0, -0.05, 0.05, -0.09, 0.09];
+/// A start other than the middle is taken when it explains this share more of the tracks better than worse, each clearly:
+/// by more than this difference of minus twice the log likelihood. Choice: tracking errors let single tracks prefer any
+/// offset; a likelihood ratio of e⁵.
+const LEAD_OF_FAR_START: f64 = 0.5;
+const CLEAR_GAIN: f64 = 10.0;
+/// Greatest steps of an iteration. Choice: the second-order approximation holds about as far.
+const MAX_STEP: Corrections = [0.02, 0.03, 0.03, 0.03, 0.01];
+/// Iterations of an estimate, and of each start. Choice: three to five suffice from a good start.
+const MAX_ITERATIONS: usize = 12;
+const START_ITERATIONS: usize = 4;
+/// The iteration ends when a step is smaller than this share of 1σ.
+const SMALL_STEP: f64 = 0.1;
+/// A track is fitted anew when the corrections are farther than this from those that it was fitted for, or the drift's
+/// variance by more than this factor. Choice: within these the quadratic approximation changes by a few per cent.
+const REFIT: Corrections = [0.3e-3, 1e-3, 1e-3, 1e-3, 3e-3];
+const REFIT_DRIFT: f64 = 1.3;
+/// Time after which what tracks tell of the time offset is forgotten, nanoseconds; of the rest their sum is kept.
+/// Choice: long enough to average over several movements, short enough that slow drifts of the offset are followed.
+const MEMORY_NS: i64 = 20_000_000_000;
+/// Time constant with which the sum is forgotten, seconds. Choice: a sensor that was knocked is found again in
+/// minutes.
+const FORGET_S: f64 = 600.0;
+/// How many degrees of freedom the settings' drift is worth. Choice: as many as one good track of 5 s.
+const DRIFT_PRIOR_FREEDOM: f64 = 20.0;
+/// Greatest change of the drift's variance in an iteration, as a factor, and its bounds relative to the settings'.
+/// Choice: keeps a few odd tracks from running away with it.
+const MAX_DRIFT_CHANGE: f64 = 4.0;
+const DRIFT_SCALE_BOUNDS: (f64, f64) = (0.04, 64.0);
+/// An offset with a greater 1σ counts as unobserved, seconds. Choice: 5 ms misplace an echo by 5 mm
+/// at 1 m/s; it would not improve anything.
+const OBSERVED_S: f64 = 5e-3;
+/// Greatest number of ended tracks that wait for the path to catch up, and of fitted ones. Choice: bounds memory when
+/// the path stops, and the work of an estimate.
+const MAX_WAITING: usize = 256;
+const MAX_FITTED: usize = 256;
+
+/// What is known before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CalibrationSettings {
+    /// Middle of the search for the time offset, pose time minus sweep time, seconds; it extends 0.1 s to both sides.
+    pub middle_s: f64,
+    /// 1σ of the sensor's position on the head in each axis, metres.
+    pub mount_sigma_m: f64,
+    /// Pose errors. How large the drift is, is estimated from here on.
+    pub errors: PositionErrors,
+}
+
+/// An estimate of the time offset.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TimeOffset {
+    /// Time of a sweep's pose minus time of the sweep, seconds.
+    pub offset_s: f64,
+    /// Its 1σ, seconds.
+    pub sigma_s: f64,
+    /// Whether the motion made the offset observable, to 5 ms or better.
+    pub observable: bool,
+    /// Number of tracks used.
+    pub tracks: usize,
+    /// Number of tracks that contradict the others.
+    pub tracks_left_out: usize,
+}
+
+/// What the echoes tell.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// Time offset between the streams.
+    pub time_offset: TimeOffset,
+    /// Where the sensor is in the axes of the assumed sensor, metres.
+    pub mount_shift_m: DVec3,
+    /// Covariance of that, m². An axis that the motion did not tell keeps its variance of before.
+    pub mount_covariance_m2: DMat3,
+    /// Measured minus true range, metres, and its 1σ.
+    pub range_bias_m: f64,
+    /// See `range_bias_m`.
+    pub range_bias_sigma_m: f64,
+    /// Slow tracking error in each axis, rms, metres.
+    pub drift_m: f64,
+}
+
+/// A track with what it tells of corrections near `at`.
+#[derive(Debug, Clone)]
+struct FittedTrack {
+    fit: TrackFit,
+    at: Corrections,
+    drift_scale: f64,
+    information: Option<Information>,
+}
+
+/// The corrections and the drift's variance that tracks are fitted for.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    at: Corrections,
+    drift_scale: f64,
+}
+
+/// Why it iterates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rounds {
+    /// To compare starts.
+    Start,
+    /// For the result.
+    Final,
+}
+
+/// Estimates the corrections from sweeps and the sensor's assumed path.
+#[derive(Debug)]
+pub struct SelfCalibration {
+    settings: CalibrationSettings,
+    path: SensorPath,
+    subsweeps: BTreeMap<usize, (EchoReader, Tracks)>,
+    waiting: VecDeque<Track>,
+    fitted: VecDeque<FittedTrack>,
+    /// What forgotten tracks told of the mount and the range bias, at the corrections `known_at`.
+    known: Quadratic,
+    known_at: Corrections,
+    /// Where the last estimate ended; `None` before the first whose time offset was observed.
+    last: Option<Point>,
+}
+
+impl SelfCalibration {
+    /// An estimator without data.
+    pub fn new(settings: CalibrationSettings) -> Self {
+        Self {
+            settings,
+            path: SensorPath::default(),
+            subsweeps: BTreeMap::new(),
+            waiting: VecDeque::new(),
+            fitted: VecDeque::new(),
+            known: Quadratic::default(),
+            known_at: Corrections::default(),
+            last: None,
+        }
+    }
+
+    /// Adds the assumed pose of the sensor, `tracking_from_sensor`, at a time of the pose stream, and its velocity;
+    /// about every 5 ms, in rising time.
+    pub fn push_path(&mut self, time_ns: i64, tracking_from_sensor: &Pose, velocity_m_per_s: DVec3) {
+        self.path.push(time_ns, tracking_from_sensor, velocity_m_per_s);
+    }
+
+    /// Adds a sweep. Only the boresight of its pose is used, so a time offset in it does no harm.
+    pub fn push_sweep(&mut self, observation: &Observation) {
+        let geometry = &observation.geometry;
+        let new = || (EchoReader::new(geometry, MIN_RANGE_M), Tracks::default());
+        let (reader, tracks) = self.subsweeps.entry(geometry.subsweep).or_insert_with(new);
+        if let Some(echoes) = reader.push(observation) {
+            let done = tracks.push(&echoes, observation.mid_time_ns, &observation.tracking_from_sensor);
+            self.waiting.extend(done);
+            while self.waiting.len() > MAX_WAITING {
+                self.waiting.pop_front();
+            }
+        }
+    }
+
+    /// The corrections from the data so far; `None` while no track is usable.
+    pub fn estimate(&mut self) -> Option<Calibration> {
+        let end_ns = self.path.end_ns()?;
+        self.take_ended(end_ns);
+        let open = self.subsweeps.values().flat_map(|(_, tracks)| tracks.open()).chain(&self.waiting);
+        let until_ns = end_ns.saturating_sub(self.late_ns());
+        let open: Vec<FittedTrack> = open.filter_map(|track| self.prepared(track, until_ns)).collect();
+        let ended = self.fitted.len();
+        let mut tracks: Vec<FittedTrack> = self.fitted.drain(..).chain(open).collect();
+        let found = self.solve(&mut tracks);
+        tracks.truncate(ended);
+        self.fitted = tracks.into();
+        if let Some((point, combination)) = &found {
+            self.forget(end_ns, point, combination);
+        }
+        self.forget_path(end_ns);
+        let (point, combination) = found?;
+        let calibration = calibration(&point, &combination, &self.settings.errors);
+        if calibration.time_offset.observable {
+            self.last = Some(point);
+        }
+        Some(calibration)
+    }
+
+    /// Moves tracks that the path covers to the fitted ones.
+    fn take_ended(&mut self, end_ns: i64) {
+        let until_ns = end_ns.saturating_sub(self.late_ns());
+        while let Some(track) = self.waiting.pop_front_if(|track| track.last_ns() < until_ns) {
+            self.fitted.extend(self.prepared(&track, until_ns));
+        }
+        while self.fitted.len() > MAX_FITTED {
+            self.fitted.pop_front();
+        }
+    }
+
+    /// By how much the path must be newer than an echo, whatever the time offset.
+    fn late_ns(&self) -> i64 {
+        ((self.settings.middle_s + REACH_S) * 1e9) as i64 + MARGIN_NS
+    }
+
+    fn early_ns(&self) -> i64 {
+        ((self.settings.middle_s - REACH_S) * 1e9) as i64 - MARGIN_NS
+    }
+
+    /// A track's echoes before a time.
+    fn prepared(&self, track: &Track, until_ns: i64) -> Option<FittedTrack> {
+        let fit = TrackFit::new(track, until_ns, &self.settings.errors)?;
+        Some(FittedTrack { fit, at: Corrections::default(), drift_scale: 1.0, information: None })
+    }
+
+    /// The best corrections: from those of the last estimate, or from the best of several starts.
+    fn solve(&self, tracks: &mut [FittedTrack]) -> Option<(Point, Combination)> {
+        if let Some(last) = self.last {
+            return self.iterate(tracks, last, Rounds::Final);
+        }
+        let tried = STARTS_S.into_iter().filter_map(|offset_s| {
+            let mut at = Corrections::default();
+            at[OFFSET] = self.settings.middle_s + offset_s;
+            let mut tracks = tracks.to_vec();
+            let (point, _) = self.iterate(&mut tracks, Point { at, drift_scale: 1.0 }, Rounds::Start)?;
+            Some((point, tracks))
+        });
+        let tried: Vec<(Point, Vec<FittedTrack>)> = tried.collect();
+        let (near, near_tracks) = tried.first()?;
+        let lead = |(_, tracks): &(Point, Vec<FittedTrack>)| lead(tracks, near_tracks);
+        let best = tried.iter().map(|start| (lead(start), start.0)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let start = if best.0 >= LEAD_OF_FAR_START { best.1 } else { *near };
+        self.iterate(tracks, start, Rounds::Final)
+    }
+
+    /// Gauss–Newton from a start.
+    fn iterate(&self, tracks: &mut [FittedTrack], start: Point, rounds: Rounds) -> Option<(Point, Combination)> {
+        let (mut point, mut found) = (start, None);
+        let most = if rounds == Rounds::Start { START_ITERATIONS } else { MAX_ITERATIONS };
+        for _ in 0..most {
+            self.refit(tracks, &point);
+            // A large drift explains any offset: starts are compared without it.
+            let change = if rounds == Rounds::Start { 1.0 } else { drift_change(tracks, point.drift_scale) };
+            let told: Vec<_> = tracks.iter().filter_map(|track| track.seen_from(&point.at)).collect();
+            let combination = if told.is_empty() { None } else { combine(&told, &self.known_at_point(&point.at)) }?;
+            let is_small = |k: usize| combination.step[k].abs() <= SMALL_STEP * combination.covariance[k][k].sqrt();
+            let is_done = (0..CORRECTIONS).all(is_small) && (1.0 / REFIT_DRIFT..REFIT_DRIFT).contains(&change);
+            for (at, (step, most)) in point.at.iter_mut().zip(combination.step.iter().zip(MAX_STEP)) {
+                *at += step.clamp(-most, most);
+            }
+            let middle_s = self.settings.middle_s;
+            point.at[OFFSET] = point.at[OFFSET].clamp(middle_s - REACH_S, middle_s + REACH_S);
+            let (least, most) = DRIFT_SCALE_BOUNDS;
+            point.drift_scale = (point.drift_scale * change).clamp(least, most);
+            found = Some(combination);
+            if is_done {
+                break;
+            }
+        }
+        found.map(|found| (point, found))
+    }
+
+    /// Fits the tracks that were fitted too far from a point.
+    fn refit(&self, tracks: &mut [FittedTrack], point: &Point) {
+        let is_near = |track: &FittedTrack| {
+            let ratio = track.drift_scale / point.drift_scale;
+            let drift_is_near = (1.0 / REFIT_DRIFT..=REFIT_DRIFT).contains(&ratio);
+            track.information.is_some()
+                && drift_is_near
+                && (0..CORRECTIONS).all(|k| (track.at[k] - point.at[k]).abs() <= REFIT[k])
+        };
+        if tracks.iter().all(is_near) {
+            return;
+        }
+        let shift_m = DVec3::new(point.at[SHIFT], point.at[SHIFT + 1], point.at[SHIFT + 2]);
+        let path = self.path.shifted(shift_m);
+        // Whatever the offset: otherwise fewer tracks would speak against a wrong one.
+        let (early_ns, late_ns) = (self.early_ns(), self.late_ns());
+        tracks.par_iter_mut().filter(|track| !is_near(track)).for_each(|track| {
+            let covered =
+                path.covers(track.fit.first_ns.saturating_add(early_ns), track.fit.last_ns.saturating_add(late_ns));
+            let mut fitted = || track.fit.information(&path, &point.at, point.drift_scale);
+            track.information = if covered { fitted() } else { None };
+            (track.at, track.drift_scale) = (point.at, point.drift_scale);
+        });
+    }
+
+    /// What is known before, seen from these corrections.
+    fn known_at_point(&self, at: &Corrections) -> Quadratic {
+        let step = std::array::from_fn(|k| at[k] - self.known_at[k]);
+        let mut known = self.known.after(&step);
+        let CalibrationSettings { middle_s, mount_sigma_m, .. } = self.settings;
+        known.expect(OFFSET, middle_s - at[OFFSET], REACH_S);
+        (SHIFT..BIAS).for_each(|k| known.expect(k, -at[k], mount_sigma_m));
+        known.expect(BIAS, -at[BIAS], BIAS_SIGMA_M);
+        known
+    }
+
+    /// Keeps of old tracks what they told of the mount and the range bias. They go together, because they share a time
+    /// offset, which is eliminated.
+    fn forget(&mut self, end_ns: i64, point: &Point, combination: &Combination) {
+        let is_old = |track: &FittedTrack| end_ns.saturating_sub(track.fit.last_ns) > 2 * MEMORY_NS;
+        if !self.fitted.front().is_some_and(is_old) {
+            return;
+        }
+        let since_ns = end_ns.saturating_sub(MEMORY_NS);
+        let count = self.fitted.iter().take_while(|track| track.fit.last_ns < since_ns).count();
+        let old = self.fitted.drain(..count).filter_map(|track| track.seen_from(&point.at));
+        let mut told = Quadratic::default();
+        for ((quadratic, ..), weight) in old.zip(&combination.weights) {
+            told.add(&quadratic, weight / combination.disagreement);
+        }
+        let step = std::array::from_fn(|k| point.at[k] - self.known_at[k]);
+        let kept = math::exp(-(MEMORY_NS as f64) * 1e-9 / FORGET_S);
+        self.known = sum(&[(self.known.after(&step), 1.0, 0)], &[kept], &told.without(OFFSET, f64::INFINITY));
+        self.known_at = point.at;
+    }
+
+    fn forget_path(&mut self, end_ns: i64) {
+        let open = self.subsweeps.values().flat_map(|(_, tracks)| tracks.open()).chain(&self.waiting);
+        let fitted = self.fitted.iter().map(|track| track.fit.first_ns);
+        let oldest_ns = open.map(Track::first_ns).chain(fitted).min().unwrap_or(end_ns);
+        self.path.forget_before(oldest_ns.saturating_add(self.early_ns()).min(end_ns).saturating_sub(100_000_000));
+    }
+}
+
+impl FittedTrack {
+    fn seen_from(&self, at: &Corrections) -> Option<(Quadratic, f64, i64)> {
+        let information = self.information.as_ref()?;
+        Some(seen_after(information, &std::array::from_fn(|k| at[k] - self.at[k])))
+    }
+}
+
+/// Share of the tracks that are explained better than by other corrections, minus the share explained worse.
+fn lead(tracks: &[FittedTrack], other: &[FittedTrack]) -> f64 {
+    // Minus twice the log likelihood when the variance of a track's residuals is unknown.
+    let misfit = |track: &FittedTrack| {
+        let (squares, count) = track.information?.residuals;
+        Some(count * math::ln((squares / count).max(0.1)))
+    };
+    let pairs = tracks.iter().zip(other).filter_map(|(a, b)| Some(misfit(b)? - misfit(a)?));
+    let votes: Vec<f64> = pairs.map(|gain| if gain.abs() < CLEAR_GAIN { 0.0 } else { gain.signum() }).collect();
+    votes.iter().sum::<f64>() / votes.len().max(1) as f64
+}
+
+/// By which factor the drift's variance should change: the median over the tracks by their degrees of freedom, with the
+/// settings' value counting as some more.
+fn drift_change(tracks: &[FittedTrack], scale: f64) -> f64 {
+    let of_track = |track: &FittedTrack| {
+        let (power, freedom) = track.information.and_then(|information| information.drift)?;
+        (freedom > 0.1).then_some((power / freedom, freedom))
+    };
+    let mut ratios: Vec<(f64, f64)> = tracks.iter().filter_map(of_track).collect();
+    ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let freedom: f64 = ratios.iter().map(|ratio| ratio.1).sum();
+    let mut above = 0.5 * freedom;
+    let median = ratios.iter().find(|ratio| {
+        above -= ratio.1;
+        above <= 0.0
+    });
+    let change =
+        (median.map_or(1.0, |ratio| ratio.0) * freedom + DRIFT_PRIOR_FREEDOM / scale) / (freedom + DRIFT_PRIOR_FREEDOM);
+    change.clamp(1.0 / MAX_DRIFT_CHANGE, MAX_DRIFT_CHANGE)
+}
+
+fn calibration(point: &Point, combination: &Combination, errors: &PositionErrors) -> Calibration {
+    let covariance: &Matrix = &combination.covariance;
+    let sigma_s = covariance[OFFSET][OFFSET].sqrt();
+    let column = |k: usize| DVec3::from_array(std::array::from_fn(|row| covariance[SHIFT + row][SHIFT + k]));
+    Calibration {
+        time_offset: TimeOffset {
+            offset_s: point.at[OFFSET],
+            sigma_s,
+            observable: sigma_s <= OBSERVED_S,
+            tracks: combination.counts.0,
+            tracks_left_out: combination.counts.1,
+        },
+        mount_shift_m: DVec3::new(point.at[SHIFT], point.at[SHIFT + 1], point.at[SHIFT + 2]),
+        mount_covariance_m2: DMat3::from_cols(column(0), column(1), column(2)),
+        range_bias_m: point.at[BIAS],
+        range_bias_sigma_m: covariance[BIAS][BIAS].sqrt(),
+        drift_m: (point.drift_scale * errors.slow_variance_m2()).sqrt(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Plane;
+    use crate::test_data::{Echo, sweeps, winding};
+    use glam::DQuat;
+
+    const AT: DVec3 = DVec3::new(0.2, 0.1, -1.2);
+    const POINT: [(Echo, f64); 1] = [(Echo::Point(AT), 8.0)];
+
+    fn settings() -> CalibrationSettings {
+        CalibrationSettings { middle_s: 0.0, mount_sigma_m: 0.05, errors: PositionErrors::default() }
+    }
+
+    /// Sweeps along one path of the sensor, poses along another with time stamps late by the offset.
+    fn estimated(
+        seen: impl Fn(f64) -> DVec3,
+        told: impl Fn(f64) -> Pose,
+        echoes: &[(Echo, f64)],
+        (duration_s, offset_s): (f64, f64),
+    ) -> Option<Calibration> {
+        let mut estimator = SelfCalibration::new(settings());
+        for step in -60..(duration_s * 200.0) as i32 + 100 {
+            let time_s = f64::from(step) * 5e-3;
+            let velocity = (told(time_s + 1e-4).translation - told(time_s - 1e-4).translation) / 2e-4;
+            estimator.push_path(1_000_000_000 + ((time_s + offset_s) * 1e9) as i64, &told(time_s), velocity);
+        }
+        sweeps(duration_s, seen, echoes, 1).iter().for_each(|sweep| estimator.push_sweep(sweep));
+        estimator.estimate()
+    }
+
+    /// 90 cm across.
+    fn wide(time_s: f64) -> DVec3 {
+        winding(time_s) * 3.0
+    }
+
+    fn level(path: impl Fn(f64) -> DVec3) -> impl Fn(f64) -> Pose {
+        move |time_s| Pose::from_translation(path(time_s))
+    }
+
+    fn is_right(estimate: Option<Calibration>, offset_s: f64) -> bool {
+        let offset = estimate.map(|estimate| estimate.time_offset);
+        offset.is_some_and(|e| e.observable && (e.offset_s - offset_s).abs() < 3.0 * e.sigma_s && e.sigma_s < 2e-3)
+    }
+
+    #[test]
+    fn offset_is_estimated_from_a_point_and_from_a_plane() {
+        let plane = Plane { outward: DVec3::new(0.36, 0.48, -0.8), offset_m: 1.3 };
+        for echoes in [POINT, [(Echo::Plane(plane), 8.0)]] {
+            for offset_s in [-0.07, 0.0, 0.02] {
+                let estimate = estimated(wide, level(wide), &echoes, (2.0, offset_s));
+                assert!(is_right(estimate, offset_s), "{offset_s}: {estimate:?} of {echoes:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn straight_approach_leaves_offset_unobservable() {
+        let approach = |t: f64| DVec3::new(0.0, 0.0, -0.3 * t);
+        let offset = |estimate: Option<Calibration>| estimate.map(|estimate| estimate.time_offset);
+        let estimate = offset(estimated(approach, level(approach), &POINT, (2.0, 0.02)));
+        assert!(estimate.is_none_or(|e| !e.observable && e.sigma_s > 0.01), "{estimate:?}");
+        // At rest, pose jitter does not count as motion.
+        let jitter = |t: f64| 0.12e-3 * DVec3::new((61.0 * t).sin(), (53.0 * t).cos(), (57.0 * t).sin());
+        let estimate = offset(estimated(|_| DVec3::ZERO, level(jitter), &POINT, (2.0, 0.02)));
+        assert!(estimate.is_none_or(|e| !e.observable), "{estimate:?}");
+    }
+
+    #[test]
+    fn moving_target_gives_no_confident_wrong_offset() {
+        // An object that swings by 6 cm is equivalent to a sensor that swings the other way.
+        let swinging = |t: f64| winding(t) - 0.06 * DVec3::new((5.0 * t).sin(), 0.0, (4.0 * t).cos());
+        let estimate = estimated(swinging, level(winding), &POINT, (2.0, 0.0)).map(|estimate| estimate.time_offset);
+        assert!(estimate.is_none_or(|e| !e.observable || e.offset_s.abs() < 3.0 * e.sigma_s), "{estimate:?}");
+    }
+
+    #[test]
+    fn noise_gives_no_estimate() {
+        assert_eq!(estimated(winding, level(winding), &[], (2.0, 0.02)), None);
+    }
+
+    /// A head that moves and turns by half a radian.
+    fn turning(time_s: f64) -> Pose {
+        let (yaw, pitch) = (0.5 * (1.9 * time_s).sin(), 0.4 * (2.3 * time_s + 0.4).sin());
+        let rotation = DQuat::from_rotation_y(yaw) * DQuat::from_rotation_x(pitch);
+        Pose { translation: winding(time_s), rotation }
+    }
+
+    #[test]
+    fn mount_is_estimated_while_the_head_turns_and_left_unknown_while_it_does_not() {
+        let shift_m = DVec3::new(0.03, -0.02, 0.025);
+        let echoes = [(Echo::Point(AT), 8.0), (Echo::Point(DVec3::new(-0.6, 0.3, -1.9)), 8.0)];
+        let seen = |pose: Pose| pose.transform_point(shift_m);
+        let found = estimated(|t| seen(turning(t)), turning, &echoes, (12.0, 0.015)).unwrap();
+        let error_m = found.mount_shift_m - shift_m;
+        let squared = error_m.dot(found.mount_covariance_m2.inverse() * error_m);
+        assert!(error_m.length() < 3e-3 && squared < 12.0, "{found:?}");
+        assert!(is_right(Some(found), 0.015), "{found:?}");
+        // Without rotation a shifted sensor sees a shifted room.
+        let still = |t: f64| Pose::from_translation(winding(t));
+        let found = estimated(|t| seen(still(t)), still, &echoes, (12.0, 0.015)).unwrap();
+        let sigma_m = found.mount_covariance_m2.x_axis.x.sqrt();
+        assert!(is_right(Some(found), 0.015) && sigma_m > 0.04, "{found:?}");
+        // A plain turn to the sides tells the mount from side to side, not its height.
+        let yaw = |t: f64| Pose { rotation: DQuat::from_rotation_y(0.5 * (1.9 * t).sin()), ..still(t) };
+        let found = estimated(|t| seen(yaw(t)), yaw, &echoes, (12.0, 0.015)).unwrap();
+        let sigma_m = DMat3::to_cols_array_2d(&found.mount_covariance_m2);
+        assert!(sigma_m[0][0].sqrt() < 5e-3 && sigma_m[1][1].sqrt() > 0.02, "{found:?}");
+        assert!((found.mount_shift_m.x - shift_m.x).abs() < 5e-3, "{found:?}");
+    }
+}

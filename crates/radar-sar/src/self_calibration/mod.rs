@@ -1,0 +1,26 @@
+//! Calibration from ordinary motion: the time offset between the pose stream and the sweep stream, the sensor's
+//! position on the head, and the bias of its ranges.
+//!
+//! Each makes the ranges of a stationary object disagree with the path: an offset by speed × offset, a wrong position
+//! by what the head's rotation moves it. Sweeps → echoes (range, and the time its point was sampled) → tracks → for
+//! each track a fit of its reflector, a point or a plane, and of the slow tracking error, which are then eliminated →
+//! the corrections that all tracks share, with their covariance, by Gauss–Newton. How large the slow tracking error is
+//! is estimated from the tracks as well.
+//!
+//! It works on echoes alone and does not use the map, so a wrong map cannot mislead it. What the motion does not tell,
+//! keeps the standard deviation it had before: without rotation the position is not observed, and along a straight path
+//! at constant speed an offset looks like depth.
+
+mod basis;
+mod combination;
+mod corrections;
+mod echoes;
+mod estimator;
+mod information;
+mod normal_equations;
+mod path;
+mod reflector;
+mod track_fit;
+mod tracks;
+
+pub use estimator::{Calibration, CalibrationSettings, SelfCalibration, TimeOffset};

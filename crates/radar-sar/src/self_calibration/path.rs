@@ -1,0 +1,99 @@
+//! The sensor's path for a corrected mount.
+
+use glam::{DMat3, DVec3};
+
+use crate::geometry::Pose;
+
+/// Samples farther apart than this are not joined, nanoseconds. Choice: twice the 5 ms at which the
+/// path is sampled, and some; one missing sample is joined, a pause is not.
+const MAX_STEP_NS: i64 = 12_000_000;
+
+/// The sensor at a time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PathState {
+    pub position_m: DVec3,
+    pub velocity_m_per_s: DVec3,
+    /// `tracking_from_sensor`'s rotation.
+    pub tracking_from_sensor: DMat3,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    time_ns: i64,
+    state: PathState,
+}
+
+/// States of the sensor in rising time; cubic between neighbours, undefined across a gap.
+#[derive(Debug, Clone, Default)]
+pub(super) struct SensorPath {
+    samples: Vec<Sample>,
+}
+
+impl SensorPath {
+    /// Adds the next sample; ignored unless it is later than the last one and finite.
+    pub fn push(&mut self, time_ns: i64, sensor: &Pose, velocity_m_per_s: DVec3) {
+        let rises = self.samples.last().is_none_or(|last| time_ns > last.time_ns);
+        let tracking_from_sensor = DMat3::from_quat(sensor.rotation);
+        if rises && sensor.translation.is_finite() && tracking_from_sensor.is_finite() && velocity_m_per_s.is_finite() {
+            let state = PathState { position_m: sensor.translation, velocity_m_per_s, tracking_from_sensor };
+            self.samples.push(Sample { time_ns, state });
+        }
+    }
+
+    /// Time of the newest sample.
+    pub fn end_ns(&self) -> Option<i64> {
+        self.samples.last().map(|s| s.time_ns)
+    }
+
+    /// Removes older samples.
+    pub fn forget_before(&mut self, time_ns: i64) {
+        let old = self.samples.partition_point(|s| s.time_ns < time_ns);
+        self.samples.drain(..old);
+    }
+
+    /// Whether the path has no gap from one time to the other.
+    pub fn covers(&self, from_ns: i64, to_ns: i64) -> bool {
+        let first = self.samples.partition_point(|s| s.time_ns <= from_ns);
+        let last = self.samples.partition_point(|s| s.time_ns < to_ns);
+        let unbroken = |n: usize| self.samples[n].time_ns - self.samples[n - 1].time_ns <= MAX_STEP_NS;
+        first > 0 && last < self.samples.len() && (first..=last).all(unbroken)
+    }
+
+    /// The path of a point this far from the sensor, metres in the sensor's axes.
+    pub fn shifted(&self, shift_m: DVec3) -> Self {
+        let lever = |n: usize| self.samples[n].state.tracking_from_sensor * shift_m;
+        let shifted = |n: usize| {
+            let Sample { time_ns, state } = self.samples[n];
+            let (before, after) = (n.saturating_sub(1), (n + 1).min(self.samples.len() - 1));
+            let span_ns = self.samples[after].time_ns - self.samples[before].time_ns;
+            let turning = (lever(after) - lever(before)) / (span_ns.max(1) as f64 * 1e-9);
+            let state = PathState {
+                position_m: state.position_m + lever(n),
+                velocity_m_per_s: state.velocity_m_per_s + turning,
+                ..state
+            };
+            Sample { time_ns, state }
+        };
+        Self { samples: (0..self.samples.len()).map(shifted).collect() }
+    }
+
+    /// State at a time; `None` outside the path and in gaps.
+    pub fn at(&self, time_ns: i64) -> Option<PathState> {
+        let later = self.samples.partition_point(|s| s.time_ns < time_ns).max(1);
+        let (first, second) = (self.samples.get(later - 1)?, self.samples.get(later)?);
+        if second.time_ns - first.time_ns > MAX_STEP_NS || time_ns < first.time_ns {
+            return None;
+        }
+        let (a, b) = (&first.state, &second.state);
+        let step_s = (second.time_ns - first.time_ns) as f64 * 1e-9;
+        let u = (time_ns - first.time_ns) as f64 * 1e-9 / step_s;
+        // Hermite cubic from positions and velocities of both neighbours.
+        let (way, from, to) = (b.position_m - a.position_m, a.velocity_m_per_s * step_s, b.velocity_m_per_s * step_s);
+        let (c2, c3) = (way * 3.0 - from * 2.0 - to, from + to - way * 2.0);
+        Some(PathState {
+            position_m: a.position_m + (from + (c2 + c3 * u) * u) * u,
+            velocity_m_per_s: (from + (c2 * 2.0 + c3 * (3.0 * u)) * u) / step_s,
+            tracking_from_sensor: if u < 0.5 { a.tracking_from_sensor } else { b.tracking_from_sensor },
+        })
+    }
+}

@@ -1,0 +1,425 @@
+//! Fits one track for given corrections: its reflector, and the slow tracking error along the line of sight, by
+//! Levenberg–Marquardt.
+//!
+//! Range i = |s − p(t_i + τ)| + b (point) or r₀ − n·(p(t_i + τ) − p̄) + b (plane) + slow error, where p is the path
+//! with the sensor shifted, τ the time offset and b the range bias.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::basis::SlowErrorBasis;
+use super::corrections::{BIAS, CORRECTIONS, Corrections, OFFSET};
+use super::echoes::Echo;
+use super::information::Information;
+use super::normal_equations::NormalEquations;
+use super::path::{PathState, SensorPath};
+use super::reflector::{REFLECTOR, Reflector, ReflectorKind};
+use super::tracks::Track;
+use crate::{PHASE_RAD_PER_M, PositionErrors, WAVELENGTH_M};
+
+/// Tangents of the starting directions off the boresight. Choice: five directions cover the beam.
+const COARSE_TANGENT: f64 = 0.6;
+/// Greatest number of echoes used from the starting directions. Choice: more than ten for each of the three unknowns.
+const COARSE_ECHOES: usize = 40;
+/// Greatest number of explanations of a track that are followed, best first. Choice: a point, a plane and a mirror
+/// image of the point.
+const MAX_EXPLANATIONS: usize = 3;
+/// 1σ of the reflector's direction about the boresight. Choice: the beam's half-width of 34°; it only keeps an open
+/// unknown finite.
+const DIRECTION_PRIOR_RAD: f64 = 0.6;
+/// Jitter of the smoothed path, metres. Choice: the default 0.3 mm of a pose, of which a quadratic
+/// fit to eleven poses leaves 0.46.
+const JITTER_M: f64 = 0.15e-3;
+/// Tracks with fewer echoes, or shorter ones, are not used. Choice: shorter pieces of a movement
+/// are nearly straight and uniform, which corrections and depth explain alike.
+const MIN_ECHOES: usize = 25;
+const MIN_SPAN_S: f64 = 0.25;
+/// Margin of the path around a track, nanoseconds. Choice: a phase's time differs from its range's by less than the
+/// 8 ms of a group of sweeps.
+pub(super) const MARGIN_NS: i64 = 10_000_000;
+/// Residuals beyond this many times their spread get less weight (Huber). Choice: 1 % of normal
+/// residuals get less weight.
+const OUTLIER: f64 = 2.5;
+/// Phases are unwrapped from echo to echo across at most this time, seconds, while they
+/// deviate from the fit's prediction by at most this share of half a wavelength. Choice: a speed
+/// error of 15 mm/s adds 0.45 mm in 30 ms; the limit is 0.74 mm, and 1.24 mm would be ambiguous.
+const UNWRAP_S: f64 = 0.03;
+const UNWRAP_SHARE: f64 = 0.3;
+/// Unwrapped segments of fewer echoes are not used. Choice: each segment costs one unknown, and
+/// short ones say little else.
+const MIN_SEGMENT: usize = 12;
+/// Error of an unwrapped phase, metres. Choice: the jitter's, which is correlated over the eleven
+/// poses that are smoothed together.
+pub(super) const PHASE_ERROR_M: f64 = 0.5e-3;
+/// Cost of an echo whose phase cannot be unwrapped. Choice: that of a residual of 2σ, so that an
+/// explanation which unwraps more phases wins.
+const NOT_UNWRAPPED_COST: f64 = 4.0;
+/// Steps of a descent. Choice: it converges in some ten; more means that nothing fits.
+const MAX_STEPS: usize = 25;
+/// Relative decrease of the cost below which a descent stops: for intermediate results, and for
+/// the final one. Choice: enough to rank the starts; and far below the cost of one echo.
+const COARSE_GAIN: f64 = 1e-3;
+const FINE_GAIN: f64 = 1e-5;
+
+/// A measured range with its variance, and the range from phase up to whole half wavelengths.
+#[derive(Debug, Clone)]
+pub(super) struct Row {
+    time_ns: i64,
+    range_m: f64,
+    pub variance_m2: f64,
+    phase_m: f64,
+    phase_time_ns: i64,
+}
+
+/// A track, prepared for fits. It keeps its explanations, from which the next fit starts.
+#[derive(Debug, Clone)]
+pub(super) struct TrackFit {
+    forward: DVec3,
+    pub rows: Vec<Row>,
+    pub basis: SlowErrorBasis,
+    explanations: Vec<Explanation>,
+    pub first_ns: i64,
+    pub last_ns: i64,
+}
+
+/// What a track follows, with the weights of the slow error's basis functions.
+#[derive(Debug, Clone)]
+pub(super) struct Explanation {
+    reflector: Reflector,
+    pub slow_error: Vec<f64>,
+}
+
+/// Consecutive rows whose phases are unwrapped.
+pub(super) struct Segment {
+    rows: Range<usize>,
+    /// Ranges from phase, up to a constant that they share, metres.
+    ranges_m: Vec<f64>,
+    /// Values of the slow error's basis functions without their mean over the segment, row after row.
+    values: Vec<f64>,
+}
+
+/// A fit of all unknowns of a track.
+pub(super) struct Fitted {
+    pub explanation: Explanation,
+    pub weights: Vec<f64>,
+    pub segments: Vec<Segment>,
+    cost: f64,
+}
+
+/// One measured range, or one range from phase without the mean of its segment: measured minus modelled, weight, and
+/// derivatives.
+pub(super) struct Equation<'a> {
+    pub time_ns: i64,
+    pub residual_m: f64,
+    pub weight: f64,
+    pub reflector: [f64; REFLECTOR],
+    pub slow_error: &'a [f64],
+    pub corrections: Corrections,
+}
+
+/// A track with the path for given corrections.
+pub(super) struct Problem<'a> {
+    pub track: &'a TrackFit,
+    /// Where the sensor was at each row's range and at its phase, relative to the middle of the path.
+    at_range: Vec<PathState>,
+    at_phase: Vec<PathState>,
+    /// Values of the slow error's basis functions, row after row.
+    values: Vec<f64>,
+    bias_m: f64,
+    /// Variance of the drift relative to the settings'.
+    pub drift_scale: f64,
+}
+
+impl TrackFit {
+    /// A track's echoes before a time; `None` when they are too few.
+    pub fn new(track: &Track, until_ns: i64, errors: &PositionErrors) -> Option<Self> {
+        let echoes = &track.echoes[..track.echoes.partition_point(|echo| echo.time_ns < until_ns)];
+        let (first_ns, last_ns) = (echoes.first()?.time_ns, echoes.last()?.time_ns);
+        if echoes.len() < MIN_ECHOES || ((last_ns - first_ns) as f64) < MIN_SPAN_S * 1e9 {
+            return None;
+        }
+        let row = |e: &Echo| Row {
+            time_ns: e.time_ns,
+            range_m: e.range_m,
+            variance_m2: e.variance_m2 + JITTER_M * JITTER_M,
+            phase_m: e.phase_rad / PHASE_RAD_PER_M,
+            phase_time_ns: e.phase_time_ns,
+        };
+        Some(Self {
+            forward: track.forward.normalize_or(DVec3::NEG_Z),
+            rows: echoes.iter().map(row).collect(),
+            basis: SlowErrorBasis::over(first_ns, last_ns, errors),
+            explanations: Vec::new(),
+            first_ns,
+            last_ns,
+        })
+    }
+
+    /// What the track tells of corrections near `at`; `path` has the sensor shifted by them already. `None` where the
+    /// path has a gap.
+    pub fn information(&mut self, path: &SensorPath, at: &Corrections, drift_scale: f64) -> Option<Information> {
+        let problem = Problem::new(self, path, at, drift_scale)?;
+        let starts = match self.explanations.is_empty() {
+            true => problem.coarse(),
+            false => self.explanations.clone(),
+        };
+        let fits = apart(starts.into_iter().filter_map(|start| problem.fitted(start)).collect());
+        let information = Information::of(&problem, fits.first()?)?;
+        self.explanations = fits.into_iter().map(|fit| fit.explanation).collect();
+        Some(information)
+    }
+}
+
+/// The best fits whose reflectors are not near a better one's.
+fn apart(mut fits: Vec<Fitted>) -> Vec<Fitted> {
+    fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let mut apart: Vec<Fitted> = Vec::new();
+    for found in fits {
+        let is_same = |known: &Fitted| known.explanation.reflector.is_same(&found.explanation.reflector);
+        if apart.len() < MAX_EXPLANATIONS && !apart.iter().any(is_same) {
+            apart.push(found);
+        }
+    }
+    apart
+}
+
+impl<'a> Problem<'a> {
+    fn new(track: &'a TrackFit, path: &SensorPath, at: &Corrections, drift_scale: f64) -> Option<Self> {
+        let offset_ns = (at[OFFSET] * 1e9).round() as i64;
+        let [from_ns, to_ns] = [track.first_ns - MARGIN_NS, track.last_ns + MARGIN_NS];
+        if !path.covers(from_ns.saturating_add(offset_ns), to_ns.saturating_add(offset_ns)) {
+            return None;
+        }
+        let state_at = |time_ns: i64| path.at(time_ns.saturating_add(offset_ns));
+        let mut at_range: Vec<PathState> = track.rows.iter().map(|row| state_at(row.time_ns)).collect::<Option<_>>()?;
+        let mut at_phase: Vec<PathState> =
+            track.rows.iter().map(|row| state_at(row.phase_time_ns)).collect::<Option<_>>()?;
+        let middle_m = at_range.iter().map(|state| state.position_m).sum::<DVec3>() / at_range.len() as f64;
+        at_range.iter_mut().chain(&mut at_phase).for_each(|state| state.position_m -= middle_m);
+        let of_row = |(row, state): (&Row, &PathState)| track.basis.at(row.time_ns, state.position_m);
+        let values = track.rows.iter().zip(&at_range).flat_map(of_row).collect();
+        Some(Self { track, at_range, at_phase, values, bias_m: at[BIAS], drift_scale })
+    }
+
+    fn rows(&self) -> &[Row] {
+        &self.track.rows
+    }
+
+    /// Values of the slow error's basis functions at a row.
+    fn values(&self, row: usize) -> &[f64] {
+        let length = self.track.basis.len();
+        &self.values[row * length..(row + 1) * length]
+    }
+
+    /// Local minima over the reflector alone, from starting directions over the beam.
+    fn coarse(&self) -> Vec<Explanation> {
+        let thinned = self.rows().len().div_ceil(COARSE_ECHOES);
+        let some: Vec<f64> = (0..self.rows().len()).map(|n| if n % thinned == 0 { 1.0 } else { 0.0 }).collect();
+        let range_m = self.rows().iter().map(|row| row.range_m).sum::<f64>() / self.rows().len() as f64 - self.bias_m;
+        let forward = self.track.forward;
+        let (a, b) = forward.any_orthonormal_pair();
+        let directions = [DVec3::ZERO, a, -a, b, -b].map(|d| (forward + d * COARSE_TANGENT).normalize());
+        let kinds = [ReflectorKind::Point, ReflectorKind::Plane];
+        let starts = kinds.iter().flat_map(|&kind| directions.map(|direction| Reflector { kind, direction, range_m }));
+        let fit = |reflector: Reflector| {
+            let start = Explanation { reflector, slow_error: Vec::new() };
+            let (explanation, cost) = self.descend(start, &some, &[], COARSE_GAIN)?;
+            Some(Fitted { explanation, weights: Vec::new(), segments: Vec::new(), cost })
+        };
+        apart(starts.filter_map(fit).collect()).into_iter().map(|fit| fit.explanation).collect()
+    }
+
+    /// Fit of all unknowns to the ranges, then to the phases too.
+    fn fitted(&self, mut start: Explanation) -> Option<Fitted> {
+        start.slow_error.resize(self.track.basis.len(), 0.0);
+        let all = vec![1.0; self.rows().len()];
+        let (found, _) = self.descend(start, &all, &[], COARSE_GAIN)?;
+        let (mut explanation, _) = self.descend(found.clone(), &self.robust_weights(&found), &[], COARSE_GAIN)?;
+        let weights = self.robust_weights(&explanation);
+        let (mut cost, mut segments) = (0.0, Vec::new());
+        // Twice: a more accurate fit unwraps more phases.
+        for _ in 0..2 {
+            segments = self.unwrapped(&explanation);
+            (explanation, cost) = self.descend(explanation, &weights, &segments, FINE_GAIN)?;
+        }
+        let left = self.rows().len() - segments.iter().map(|segment| segment.rows.len()).sum::<usize>();
+        Some(Fitted { explanation, weights, segments, cost: cost + left as f64 * NOT_UNWRAPPED_COST })
+    }
+
+    fn range_residual_m(&self, at: &Explanation, row: usize) -> f64 {
+        let (range_m, _) = at.reflector.seen_from(self.at_range[row].position_m);
+        self.rows()[row].range_m - self.bias_m - range_m - slow_error_m(at, self.values(row))
+    }
+
+    /// Reduced weights for residuals beyond the spread.
+    fn robust_weights(&self, at: &Explanation) -> Vec<f64> {
+        let rows = self.rows().iter().enumerate();
+        let residuals: Vec<f64> =
+            rows.map(|(n, row)| (self.range_residual_m(at, n) / row.variance_m2.sqrt()).abs()).collect();
+        let mut sorted = residuals.clone();
+        sorted.sort_by(f64::total_cmp);
+        let spread = (sorted[sorted.len() / 2] * 1.483).max(1.0);
+        residuals.iter().map(|r| (OUTLIER * spread / r.max(1e-9)).min(1.0)).collect()
+    }
+
+    /// Ranges from phase, unwrapped from echo to echo by the model's prediction.
+    fn unwrapped(&self, at: &Explanation) -> Vec<Segment> {
+        let half_m = WAVELENGTH_M / 2.0;
+        let mut segments: Vec<Segment> = Vec::new();
+        let mut before: Option<(i64, f64)> = None;
+        for (n, (row, state)) in self.rows().iter().zip(&self.at_phase).enumerate() {
+            let model_m = at.reflector.seen_from(state.position_m).0 + slow_error_m(at, self.values(n));
+            let off_m = row.phase_m - model_m;
+            // The multiple of half a wavelength that brings it closest to the previous one.
+            let next = before.map(|(before_ns, before_m)| {
+                let near_m = off_m + ((before_m - off_m) / half_m).round() * half_m;
+                let pause_s = (row.phase_time_ns - before_ns) as f64 * 1e-9;
+                (near_m, pause_s <= UNWRAP_S && (near_m - before_m).abs() <= UNWRAP_SHARE * half_m)
+            });
+            let (near_m, goes_on) = next.unwrap_or((off_m, false));
+            match segments.last_mut().filter(|_| goes_on) {
+                Some(segment) => {
+                    segment.rows.end = n + 1;
+                    segment.ranges_m.push(model_m + near_m);
+                }
+                None => {
+                    segments.push(Segment { rows: n..n + 1, ranges_m: vec![model_m + near_m], values: Vec::new() });
+                }
+            }
+            before = Some((row.phase_time_ns, near_m));
+        }
+        segments.retain(|segment| segment.rows.len() >= MIN_SEGMENT);
+        segments.iter_mut().for_each(|segment| segment.values = self.values_without_mean(segment.rows.clone()));
+        segments
+    }
+
+    fn values_without_mean(&self, rows: Range<usize>) -> Vec<f64> {
+        let (length, count) = (self.track.basis.len(), rows.len() as f64);
+        let mean = |k: usize| rows.clone().map(|n| self.values(n)[k]).sum::<f64>() / count;
+        let means: Vec<f64> = (0..length).map(mean).collect();
+        rows.clone().flat_map(|n| self.values(n).iter().zip(&means).map(|(value, mean)| value - mean)).collect()
+    }
+
+    /// All equations. Those of a segment of phases lack its mean, which removes its unknown constant.
+    pub fn equations<'e>(&'e self, at: &Explanation, weights: &[f64], segments: &'e [Segment]) -> Vec<Equation<'e>> {
+        let unknowns = at.slow_error.len();
+        let mut all = Vec::with_capacity(2 * self.rows().len());
+        for (n, row) in self.rows().iter().enumerate().filter(|(n, _)| weights[*n] > 0.0) {
+            let (reflector, corrections) = at.reflector.derivatives(&self.at_range[n]);
+            let (residual_m, weight) = (self.range_residual_m(at, n), weights[n] / row.variance_m2);
+            let slow_error = &self.values(n)[..unknowns];
+            all.push(Equation { time_ns: row.time_ns, residual_m, weight, reflector, slow_error, corrections });
+        }
+        let length = self.track.basis.len();
+        for segment in segments {
+            let begin = all.len();
+            let values = segment.values.chunks_exact(length);
+            for ((n, range_m), slow_error) in segment.rows.clone().zip(&segment.ranges_m).zip(values) {
+                let (reflector, corrections) = at.reflector.derivatives(&self.at_phase[n]);
+                let residual_m = range_m - at.reflector.seen_from(self.at_phase[n].position_m).0;
+                let (time_ns, weight) = (self.rows()[n].phase_time_ns, 1.0 / (PHASE_ERROR_M * PHASE_ERROR_M));
+                all.push(Equation { time_ns, residual_m, weight, reflector, slow_error, corrections });
+            }
+            subtract_mean(&mut all[begin..]);
+            for equation in &mut all[begin..] {
+                equation.residual_m -= slow_error_m(at, equation.slow_error);
+                equation.slow_error = &equation.slow_error[..unknowns];
+            }
+        }
+        all
+    }
+
+    /// Products of the slow error's derivatives, which are the same in every iteration.
+    fn constant_part(&self, unknowns: usize, weights: &[f64], segments: &[Segment]) -> NormalEquations {
+        let mut constant = NormalEquations::new(REFLECTOR + unknowns);
+        if unknowns > 0 {
+            for (n, (row, weight)) in self.rows().iter().zip(weights).enumerate() {
+                constant.add_linear(REFLECTOR, self.values(n), weight / row.variance_m2);
+            }
+            for values in segments.iter().flat_map(|segment| segment.values.chunks_exact(unknowns)) {
+                constant.add_linear(REFLECTOR, values, 1.0 / (PHASE_ERROR_M * PHASE_ERROR_M));
+            }
+        }
+        constant
+    }
+
+    /// The track's own normal equations, with its priors.
+    fn normal_equations(&self, at: &Explanation, of: &[Equation], constant: &NormalEquations) -> NormalEquations {
+        let mut normal = constant.clone();
+        for e in of {
+            normal.add(&e.reflector, e.slow_error, e.residual_m, e.weight);
+        }
+        for (turn, off) in at.reflector.expected_turns(self.track.forward).into_iter().enumerate() {
+            normal.expect(1 + turn, off, 1.0 / (DIRECTION_PRIOR_RAD * DIRECTION_PRIOR_RAD));
+        }
+        for (n, value) in at.slow_error.iter().enumerate() {
+            normal.expect(REFLECTOR + n, -value, 1.0 / self.track.basis.prior_variance(n, self.drift_scale));
+        }
+        normal
+    }
+
+    /// The normal equations at a fit.
+    pub fn normal_equations_at(&self, fit: &Fitted, equations: &[Equation]) -> NormalEquations {
+        let constant = self.constant_part(fit.explanation.slow_error.len(), &fit.weights, &fit.segments);
+        self.normal_equations(&fit.explanation, equations, &constant)
+    }
+
+    /// Levenberg–Marquardt, until a step reduces the cost by less than the given share.
+    fn descend(
+        &self,
+        start: Explanation,
+        weights: &[f64],
+        segments: &[Segment],
+        least_gain: f64,
+    ) -> Option<(Explanation, f64)> {
+        let constant = self.constant_part(start.slow_error.len(), weights, segments);
+        let normal = |at: &Explanation| self.normal_equations(at, &self.equations(at, weights, segments), &constant);
+        let mut at = start;
+        let mut equations = normal(&at);
+        let mut damping = 1e-4;
+        for _ in 0..MAX_STEPS {
+            let Some(factor) = equations.factor(damping) else { break };
+            let next = at.moved(&factor.solve(&equations.right));
+            let better = normal(&next);
+            if better.cost <= equations.cost {
+                let gained = equations.cost - better.cost;
+                (at, equations) = (next, better);
+                damping = (damping * 0.1).max(1e-9);
+                if gained <= least_gain * equations.cost.max(1e-3) {
+                    break;
+                }
+            } else if damping > 1e4 {
+                break;
+            } else {
+                damping *= 10.0;
+            }
+        }
+        Some((at, equations.cost)).filter(|(_, cost)| cost.is_finite())
+    }
+}
+
+impl Explanation {
+    fn moved(&self, step: &[f64]) -> Self {
+        let slow_error = self.slow_error.iter().zip(&step[REFLECTOR..]).map(|(value, step)| value + step);
+        Self { reflector: self.reflector.moved(step), slow_error: slow_error.collect() }
+    }
+}
+
+fn slow_error_m(at: &Explanation, values: &[f64]) -> f64 {
+    at.slow_error.iter().zip(values).map(|(a, b)| a * b).sum()
+}
+
+/// Subtracts the mean of residuals and derivatives but the slow error's, which lack it already.
+fn subtract_mean(equations: &mut [Equation]) {
+    let count = equations.len() as f64;
+    let mean = |of: &dyn Fn(&Equation) -> f64| equations.iter().map(of).sum::<f64>() / count;
+    let residual_m = mean(&|e| e.residual_m);
+    let reflector: [f64; REFLECTOR] = std::array::from_fn(|k| mean(&|e| e.reflector[k]));
+    let corrections: Corrections = std::array::from_fn(|k| mean(&|e| e.corrections[k]));
+    for e in equations {
+        e.residual_m -= residual_m;
+        (0..REFLECTOR).for_each(|k| e.reflector[k] -= reflector[k]);
+        (0..CORRECTIONS).for_each(|k| e.corrections[k] -= corrections[k]);
+    }
+}
