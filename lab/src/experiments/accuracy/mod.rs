@@ -1,10 +1,12 @@
-//! How far reported positions are from the truth: reflectors, pairs, time offsets, rooms.
+//! How far reported positions are from the truth: reflectors, pairs, time offsets, mounts, rooms.
 
+mod mount;
 mod pairs;
 mod reflector;
 mod rooms;
 mod time_offset;
 
+pub use mount::mount_table;
 pub use pairs::{pair_calibration, pair_table, split_table};
 pub use reflector::{ErrorKind, REFLECTOR_TRIALS, ReflectorOptions, ReflectorTrial, reflector_table};
 pub use rooms::{RoomTrial, room_table};
