@@ -93,6 +93,7 @@ mod observation;
 mod oracle;
 mod oracle_volume;
 mod pose_history;
+mod pose_jumps;
 mod pose_sample;
 mod range_axis;
 mod range_power;

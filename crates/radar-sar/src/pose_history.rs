@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::{BoundedSettings, SettingBound, bounds};
 
 use super::local_fit::value_and_rate_weights;
+use super::pose_jumps::JumpDetector;
 use super::{PoseRefusal, PoseSample};
 use crate::geometry::Pose;
 
@@ -101,16 +102,17 @@ struct Entry {
 pub struct PoseHistory {
     settings: HistorySettings,
     entries: VecDeque<Entry>,
+    jump_detector: JumpDetector,
 }
 
 impl PoseHistory {
     /// An empty history.
     pub fn new(settings: HistorySettings) -> Self {
-        Self { settings, entries: VecDeque::new() }
+        Self { settings, entries: VecDeque::new(), jump_detector: JumpDetector::default() }
     }
 
     /// Adds a pose. A refused pose with a rising time stays as a border that is not interpolated
-    /// across.
+    /// across; so does the last one before a jump of the tracking frame.
     ///
     /// # Errors
     /// The reason why it is not used.
@@ -120,7 +122,20 @@ impl PoseHistory {
         }
         let pose = sample.tracking_from_head();
         self.entries.push_back(Entry { time_ns: sample.time_ns, pose: pose.as_ref().ok().copied() });
+        match &pose {
+            Ok(pose) if self.jump_detector.push(sample.time_ns, pose.translation) => self.separate_frames(),
+            Ok(_) => {}
+            Err(_) => self.jump_detector.interrupt(),
+        }
         pose.map(|_| ())
+    }
+
+    /// The frame jumped between the fourth and the third newest entry: the fourth becomes a border that is not
+    /// interpolated across.
+    fn separate_frames(&mut self) {
+        if let Some(last_before) = self.entries.len().checked_sub(4).and_then(|n| self.entries.get_mut(n)) {
+            last_before.pose = None;
+        }
     }
 
     /// Time of the newest entry, valid or not.

@@ -12,9 +12,9 @@ const DRIFT_WIDTH: f64 = 0.75;
 const MAX_FUNCTIONS: usize = 20;
 /// Number of unknowns of the strain: change of the error along the line of sight by position.
 const STRAIN: usize = 3;
-/// 1σ of the strain. Choice: between a frame without and one bent by 5 mm over 3 m, of 0.01; published
-/// distortions are of centimetres over a room (Bauer 2021).
-const STRAIN_SIGMA: f64 = 5e-3;
+/// 1σ of the strain. Choice: a frame bent by 5 mm over 3 m; published distortions are of centimetres over a room (Bauer
+/// 2021).
+const STRAIN_SIGMA: f64 = 10e-3;
 
 /// Basis functions over the time of a track, whose random sum has the drift's variance and correlation.
 #[derive(Debug, Clone)]

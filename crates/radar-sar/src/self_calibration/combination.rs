@@ -15,9 +15,8 @@ const CONTRADICTING_SHARE: f64 = 0.5;
 /// 1σ of what a single track may deviate by beyond its own errors: it bounds what a track tells of a correction that it
 /// does not observe. Choice: ten times what matters.
 const TRACK_SPREAD: Corrections = [10e-3, 30e-3, 30e-3, 30e-3, 5e-3];
-/// Tracks whose middles lie within this time share the errors of their poses, nanoseconds. Choice: drift changes within
-/// a second, and tracks last up to 5 s.
-const SHARED_ERROR_NS: i64 = 3_000_000_000;
+/// Tracks whose middles lie within this time share the errors of their poses, nanoseconds. Choice: tracks last up to 5 s.
+const SHARED_ERROR_NS: i64 = 5_000_000_000;
 
 /// The step to the best corrections, with their covariance.
 #[derive(Debug, Clone)]
@@ -26,7 +25,8 @@ pub(super) struct Combination {
     pub covariance: Matrix,
     /// Weight of each track.
     pub weights: Vec<f64>,
-    /// By how much the tracks disagree beyond their own errors, as a factor of the variance; at least 1.
+    /// By how much the tracks disagree beyond their own errors, as a factor of the variance, over all corrections; at
+    /// least 1.
     pub disagreement: f64,
     /// Tracks used, and tracks that contradict the others.
     pub counts: (usize, usize),
@@ -47,12 +47,13 @@ pub(super) fn combine(tracks: &[(Quadratic, f64, i64)], known: &Quadratic) -> Op
         }
     }
     let covariance = inverse(&sum(tracks, &weights, known).factor()?);
-    let disagreement = disagreement(tracks, &weights, &step, &covariance);
+    let factors = disagreement(tracks, &weights, &step, &covariance);
+    let scale = factors.map(f64::sqrt);
     let contradicting = weights.iter().zip(&own).filter(|(weight, own)| **weight < CONTRADICTING_SHARE * **own).count();
     Some(Combination {
         step,
-        covariance: covariance.map(|row| row.map(|value| value * disagreement)),
-        disagreement,
+        covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] * scale[i] * scale[j])),
+        disagreement: factors.iter().sum::<f64>() / CORRECTIONS as f64,
         counts: (tracks.len() - contradicting, contradicting),
         weights,
     })
@@ -79,19 +80,29 @@ fn squared_deviation(track: &Quadratic, weight: f64) -> f64 {
     bounded.factor().map_or(f64::INFINITY, |factor| dot(&gradient, &solution(&factor, &gradient)))
 }
 
-/// Pulls of the tracks, singly and summed over those of one time, against what their own errors explain.
-fn disagreement(tracks: &[(Quadratic, f64, i64)], weights: &[f64], step: &Corrections, covariance: &Matrix) -> f64 {
+/// By how much the variance of each correction exceeds what the tracks' own errors explain, at least 1: from what each
+/// track, and all tracks of one time together, change of it.
+fn disagreement(
+    tracks: &[(Quadratic, f64, i64)],
+    weights: &[f64],
+    step: &Corrections,
+    covariance: &Matrix,
+) -> Corrections {
     let mut together: BTreeMap<i64, Corrections> = BTreeMap::new();
-    let (mut single, mut expected) = (0.0, 0.0);
+    let mut single = Corrections::default();
     for ((quadratic, _, middle_ns), weight) in tracks.iter().zip(weights) {
         let pull = quadratic.after(step).gradient.map(|gradient| gradient * weight);
-        single += dot(&pull, &product(covariance, &pull));
-        expected += (0..CORRECTIONS).map(|k| weight * dot(&covariance[k], &quadratic.matrix[k])).sum::<f64>();
+        let change = product(covariance, &pull);
         let sum = together.entry(middle_ns.div_euclid(SHARED_ERROR_NS)).or_default();
-        sum.iter_mut().zip(&pull).for_each(|(sum, pull)| *sum += pull);
+        for k in 0..CORRECTIONS {
+            single[k] += change[k] * change[k];
+            sum[k] += change[k];
+        }
     }
-    let shared: f64 = together.values().map(|pull| dot(pull, &product(covariance, pull))).sum();
-    (single.max(shared) / expected.max(1e-12)).max(1.0)
+    std::array::from_fn(|k| {
+        let shared: f64 = together.values().map(|change| change[k] * change[k]).sum();
+        (single[k].max(shared) / covariance[k][k]).max(1.0)
+    })
 }
 
 #[cfg(test)]

@@ -187,8 +187,7 @@ impl SelfCalibration {
         let end_ns = self.path.end_ns()?;
         self.take_ended(end_ns);
         let open = self.subsweeps.values().flat_map(|(_, tracks)| tracks.open()).chain(&self.waiting);
-        let until_ns = end_ns.saturating_sub(self.late_ns());
-        let open: Vec<FittedTrack> = open.filter_map(|track| self.prepared(track, until_ns)).collect();
+        let open: Vec<FittedTrack> = open.flat_map(|track| self.prepared(track)).collect();
         let ended = self.fitted.len();
         let mut tracks: Vec<FittedTrack> = self.fitted.drain(..).chain(open).collect();
         let found = self.solve(&mut tracks);
@@ -210,7 +209,7 @@ impl SelfCalibration {
     fn take_ended(&mut self, end_ns: i64) {
         let until_ns = end_ns.saturating_sub(self.late_ns());
         while let Some(track) = self.waiting.pop_front_if(|track| track.last_ns() < until_ns) {
-            self.fitted.extend(self.prepared(&track, until_ns));
+            self.fitted.extend(self.prepared(&track));
         }
         while self.fitted.len() > MAX_FITTED {
             self.fitted.pop_front();
@@ -226,10 +225,19 @@ impl SelfCalibration {
         ((self.settings.middle_s - REACH_S) * 1e9) as i64 - MARGIN_NS
     }
 
-    /// A track's echoes before a time.
-    fn prepared(&self, track: &Track, until_ns: i64) -> Option<FittedTrack> {
-        let fit = TrackFit::new(track, until_ns, &self.settings.errors)?;
-        Some(FittedTrack { fit, at: Corrections::default(), drift_scale: 1.0, information: None })
+    /// The parts of a track along which the path is known, whatever the time offset: a gap in it, or a jump of the
+    /// tracking frame, parts the track.
+    fn prepared(&self, track: &Track) -> Vec<FittedTrack> {
+        let [early_ns, late_ns] = [self.early_ns(), self.late_ns()];
+        let (from_ns, to_ns) = (track.first_ns().saturating_add(early_ns), track.last_ns().saturating_add(late_ns));
+        let part = |(first_ns, last_ns): (i64, i64)| {
+            let index = |time_ns: i64| track.echoes.partition_point(|echo| echo.time_ns < time_ns);
+            let begin = index(first_ns.saturating_sub(early_ns));
+            let end = index(last_ns.saturating_sub(late_ns)).max(begin);
+            let fit = TrackFit::new(&track.echoes[begin..end], track.forward, &self.settings.errors)?;
+            Some(FittedTrack { fit, at: Corrections::default(), drift_scale: 1.0, information: None })
+        };
+        self.path.stretches(from_ns, to_ns).into_iter().filter_map(part).collect()
     }
 
     /// The best corrections: from those of the last estimate, or from the best of several starts.
@@ -293,13 +301,8 @@ impl SelfCalibration {
         }
         let shift_m = DVec3::new(point.at[SHIFT], point.at[SHIFT + 1], point.at[SHIFT + 2]);
         let path = self.path.shifted(shift_m);
-        // Whatever the offset: otherwise fewer tracks would speak against a wrong one.
-        let (early_ns, late_ns) = (self.early_ns(), self.late_ns());
         tracks.par_iter_mut().filter(|track| !is_near(track)).for_each(|track| {
-            let covered =
-                path.covers(track.fit.first_ns.saturating_add(early_ns), track.fit.last_ns.saturating_add(late_ns));
-            let mut fitted = || track.fit.information(&path, &point.at, point.drift_scale);
-            track.information = if covered { fitted() } else { None };
+            track.information = track.fit.information(&path, &point.at, point.drift_scale);
             (track.at, track.drift_scale) = (point.at, point.drift_scale);
         });
     }

@@ -4,9 +4,9 @@ use glam::{DMat3, DVec3};
 
 use crate::geometry::Pose;
 
-/// Samples farther apart than this are not joined, nanoseconds. Choice: twice the 5 ms at which the
-/// path is sampled, and some; one missing sample is joined, a pause is not.
-const MAX_STEP_NS: i64 = 12_000_000;
+/// Samples farther apart than this are not joined, nanoseconds. Choice: the path is sampled every 5 ms where it is known; a
+/// missing sample is a pause, or a jump of the tracking frame.
+const MAX_STEP_NS: i64 = 7_500_000;
 
 /// The sensor at a time.
 #[derive(Debug, Clone, Copy)]
@@ -49,6 +49,14 @@ impl SensorPath {
     pub fn forget_before(&mut self, time_ns: i64) {
         let old = self.samples.partition_point(|s| s.time_ns < time_ns);
         self.samples.drain(..old);
+    }
+
+    /// First and last times of the stretches without a gap that overlap a span.
+    pub fn stretches(&self, from_ns: i64, to_ns: i64) -> Vec<(i64, i64)> {
+        let first = self.samples.partition_point(|s| s.time_ns < from_ns).saturating_sub(1);
+        let end = (self.samples.partition_point(|s| s.time_ns <= to_ns) + 1).min(self.samples.len());
+        let stretches = self.samples[first..end.max(first)].chunk_by(|a, b| b.time_ns - a.time_ns <= MAX_STEP_NS);
+        stretches.filter_map(|stretch| Some((stretch.first()?.time_ns, stretch.last()?.time_ns))).collect()
     }
 
     /// Whether the path has no gap from one time to the other.
@@ -95,5 +103,60 @@ impl SensorPath {
             velocity_m_per_s: (from + (c2 * 2.0 + c3 * (3.0 * u)) * u) / step_s,
             tracking_from_sensor: if u < 0.5 { a.tracking_from_sensor } else { b.tracking_from_sensor },
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    const MS: i64 = 1_000_000;
+
+    fn cubic(t: f64) -> (Pose, DVec3) {
+        let pose =
+            Pose { translation: DVec3::new(t, t * t, 1.0 - t * t * t), rotation: DQuat::from_rotation_y(2.0 * t) };
+        (pose, DVec3::new(1.0, 2.0 * t, -3.0 * t * t))
+    }
+
+    /// 0.5 s without the samples from 250 to 295 ms.
+    fn path() -> SensorPath {
+        let mut path = SensorPath::default();
+        for n in (0..100).filter(|n| !(50..60).contains(n)) {
+            let (pose, velocity) = cubic(n as f64 * 5e-3);
+            path.push(n * 5 * MS, &pose, velocity);
+        }
+        path
+    }
+
+    #[test]
+    fn cubics_are_followed_and_gaps_are_not_crossed() {
+        let path = path();
+        for time_ns in [0, 3 * MS, 244 * MS, 301 * MS, 495 * MS] {
+            let (state, (pose, velocity)) = (path.at(time_ns).unwrap(), cubic(time_ns as f64 * 1e-9));
+            assert!(state.position_m.distance(pose.translation) < 1e-12, "{time_ns}");
+            assert!(state.velocity_m_per_s.distance(velocity) < 1e-10, "{time_ns}");
+        }
+        for outside in [-1, 246 * MS, 299 * MS, 496 * MS] {
+            assert!(path.at(outside).is_none());
+        }
+        assert!(path.covers(0, 245 * MS) && path.covers(301 * MS, 495 * MS));
+        assert!(!path.covers(240 * MS, 300 * MS) && !path.covers(-1, 10 * MS) && !path.covers(400 * MS, 496 * MS));
+        assert_eq!(path.stretches(100 * MS, 600 * MS), [(95 * MS, 245 * MS), (300 * MS, 495 * MS)]);
+        assert_eq!(path.stretches(600 * MS, 700 * MS).len(), 1);
+        assert_eq!(SensorPath::default().stretches(0, MS), []);
+    }
+
+    #[test]
+    fn a_shifted_sensor_moves_with_the_rotation() {
+        let shift_m = DVec3::new(0.03, -0.02, 0.05);
+        let path = path().shifted(shift_m);
+        for time_ns in [50 * MS, 123 * MS, 400 * MS] {
+            let time_s = time_ns as f64 * 1e-9;
+            let (state, at) = (path.at(time_ns).unwrap(), |t: f64| cubic(t).0.transform_point(shift_m));
+            assert!(state.position_m.distance(at(time_s)) < 1e-6, "{time_ns}");
+            let velocity = (at(time_s + 1e-4) - at(time_s - 1e-4)) / 2e-4;
+            assert!(state.velocity_m_per_s.distance(velocity) < 1e-4, "{time_ns}");
+        }
     }
 }

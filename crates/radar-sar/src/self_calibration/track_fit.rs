@@ -15,7 +15,6 @@ use super::information::Information;
 use super::normal_equations::NormalEquations;
 use super::path::{PathState, SensorPath};
 use super::reflector::{REFLECTOR, Reflector, ReflectorKind};
-use super::tracks::Track;
 use crate::{PHASE_RAD_PER_M, PositionErrors, WAVELENGTH_M};
 
 /// Tangents of the starting directions off the boresight. Choice: five directions cover the beam.
@@ -132,9 +131,8 @@ pub(super) struct Problem<'a> {
 }
 
 impl TrackFit {
-    /// A track's echoes before a time; `None` when they are too few.
-    pub fn new(track: &Track, until_ns: i64, errors: &PositionErrors) -> Option<Self> {
-        let echoes = &track.echoes[..track.echoes.partition_point(|echo| echo.time_ns < until_ns)];
+    /// Of echoes of one track; `forward` is the sum of the sensor's boresights. `None` when they are too few.
+    pub fn new(echoes: &[Echo], forward: DVec3, errors: &PositionErrors) -> Option<Self> {
         let (first_ns, last_ns) = (echoes.first()?.time_ns, echoes.last()?.time_ns);
         if echoes.len() < MIN_ECHOES || ((last_ns - first_ns) as f64) < MIN_SPAN_S * 1e9 {
             return None;
@@ -147,7 +145,7 @@ impl TrackFit {
             phase_time_ns: e.phase_time_ns,
         };
         Some(Self {
-            forward: track.forward.normalize_or(DVec3::NEG_Z),
+            forward: forward.normalize_or(DVec3::NEG_Z),
             rows: echoes.iter().map(row).collect(),
             basis: SlowErrorBasis::over(first_ns, last_ns, errors),
             explanations: Vec::new(),
@@ -187,7 +185,7 @@ fn apart(mut fits: Vec<Fitted>) -> Vec<Fitted> {
 impl<'a> Problem<'a> {
     fn new(track: &'a TrackFit, path: &SensorPath, at: &Corrections, drift_scale: f64) -> Option<Self> {
         let offset_ns = (at[OFFSET] * 1e9).round() as i64;
-        let [from_ns, to_ns] = [track.first_ns - MARGIN_NS, track.last_ns + MARGIN_NS];
+        let (from_ns, to_ns) = (track.first_ns.saturating_sub(MARGIN_NS), track.last_ns.saturating_add(MARGIN_NS));
         if !path.covers(from_ns.saturating_add(offset_ns), to_ns.saturating_add(offset_ns)) {
             return None;
         }
