@@ -4,15 +4,16 @@
 //!         [--effects=none] [--no-hands] [--no-visitor]
 //!
 //! Seeds 0..10, world points, headsets nominal, lighthouse, inside-out and poor by default. Each seed is another room
-//! and another mount, told wrong by up to 8 cm and 20°.
+//! and another mount, told wrong by up to 8 cm and 20°. The sensor has its measured imperfections.
 
 use a121::preset;
 use lab::experiments::accuracy::mount_table;
-use radar_simulation::{Headset, PlaySession, PlayWorld};
+use radar_simulation::{Headset, PlaySession, PlayWorld, SensorEffects};
 
 fn main() {
     let (mut seeds, mut worlds, mut headsets) = (0..10, Vec::new(), Vec::new());
-    let mut session = PlaySession::new(preset("d16").expect("d16 exists"), 0);
+    let config = preset("d16").expect("d16 exists");
+    let mut session = PlaySession { effects: SensorEffects::MEASURED, ..PlaySession::new(config, 0) };
     for argument in std::env::args().skip(1) {
         match argument.split_once('=') {
             Some(("--preset", value)) => session.config = preset(value).expect("a preset"),
