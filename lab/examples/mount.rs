@@ -4,7 +4,7 @@
 //!         [--effects=none] [--no-hands] [--no-visitor]
 //!
 //! Seeds 0..10, world points, headsets nominal, lighthouse, inside-out and poor by default. Each seed is another room
-//! and another mount, told wrong by up to 8 cm and 20°. The sensor has its measured imperfections.
+//! and another mount, assumed wrong by up to 8 cm and 20°. The sensor has its measured imperfections.
 
 use a121::preset;
 use lab::experiments::accuracy::mount_table;

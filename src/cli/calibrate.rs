@@ -23,7 +23,7 @@ const ENLARGED_S: f64 = 0.5;
 /// writes calibration.json and synchronisation.png there. Where a motion does not make the offset
 /// observable, the output says so.
 ///
-/// The sensor's position is told by turning: look around before furniture or walls for a minute, from side to side and
+/// Turning the head makes the sensor's position observable: look around before furniture or walls for a minute, from side to side and
 /// up and down.
 #[derive(Debug, Args)]
 pub(super) struct Calibrate {
@@ -92,10 +92,10 @@ fn report_text(trial: &Synchronisation) -> String {
     text + &mount_text(trial.mount.as_ref())
 }
 
-/// Where the sensor is, axis by axis, and how to tell what was not told.
+/// Where the sensor is, axis by axis, and which motion makes observable what is not.
 fn mount_text(mount: Option<&MountEstimate>) -> String {
     const AXES: [(&str, f64); 3] = [("to the right", 1.0), ("up", 1.0), ("forward", -1.0)];
-    const TELL: [&str; 3] = ["turn the head from side to side", "nod", "turn the head farther, to both sides"];
+    const MOTION: [&str; 3] = ["turn the head from side to side", "nod", "turn the head farther, to both sides"];
     let Some(mount) = mount else {
         return "Mount      not observable: no echo was followed\n".to_owned();
     };
@@ -104,19 +104,19 @@ fn mount_text(mount: Option<&MountEstimate>) -> String {
     let mut text = String::new();
     for (k, (axis, sign)) in AXES.into_iter().enumerate() {
         let title = if k == 0 { "Mount" } else { "" };
-        let told = match (mount.observed[k], contradicts[k]) {
-            (false, _) => format!("not observed: {}", TELL[k]),
+        let state = match (mount.observed[k], contradicts[k]) {
+            (false, _) => format!("not observed: {}", MOTION[k]),
             (true, false) => "as it is set".to_owned(),
             (true, true) => format!("{:+.1} mm from where it is set", sign * shift_m[k] * 1e3),
         };
         let (position_mm, sigma_mm) = (sign * position_m[k] * 1e3, sigma_m[k] * 1e3);
-        text += &format!("{title:<11}{position_mm:+7.1} ± {sigma_mm:.1} mm {axis}: {told}\n");
+        text += &format!("{title:<11}{position_mm:+7.1} ± {sigma_mm:.1} mm {axis}: {state}\n");
     }
     if contradicts.contains(&true) {
         // What was not observed, and what agrees, stays as it is set.
-        let new = |k: usize| if contradicts[k] { position_m[k] } else { mount.told.translation[k] };
+        let new = |k: usize| if contradicts[k] { position_m[k] } else { mount.assumed.translation[k] };
         let [x, y, z] = [0, 1, 2].map(new);
-        let q = mount.told.rotation;
+        let q = mount.assumed.rotation;
         text += &format!(
             "           --set 'tracking.mount={{ translation = [{x:.4}, {y:.4}, {z:.4}], \
              rotation = [{:.4}, {:.4}, {:.4}, {:.4}] }}' sets it\n",

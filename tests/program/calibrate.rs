@@ -102,12 +102,12 @@ fn command_prints_the_offset_and_writes_the_figure() {
 }
 
 #[test]
-fn command_finds_the_mount_and_says_what_the_motion_did_not_tell() {
+fn command_finds_the_mount_and_names_what_was_not_observable() {
     let folder = Folder::new("calibrate-mount");
-    // Told 3 cm too far to the left and 2 cm too low.
+    // Assumed 3 cm too far to the left and 2 cm too low.
     folder.run("simulate play-room --duration-s 60 --seed 40 --mount 0.03,0.05,-0.1 --out play.mcap").succeeds();
-    let told = "--set tracking.mount={translation=[0.0,0.03,-0.1],rotation=[0.0,0.0,0.0,1.0]}";
-    let out = folder.run(&format!("calibrate play.mcap {told} --out found")).succeeds().out;
+    let assumed = "--set tracking.mount={translation=[0.0,0.03,-0.1],rotation=[0.0,0.0,0.0,1.0]}";
+    let out = folder.run(&format!("calibrate play.mcap {assumed} --out found")).succeeds().out;
     assert!(out.contains("sets it") && out.contains("to the right: +"), "{out}");
     let mount = &folder.json("found/calibration.json")["mount"];
     let position_m = |k: usize| mount["position_m"][k].as_f64().unwrap();

@@ -7,7 +7,7 @@
 use a121::SensorConfig;
 use glam::DVec3;
 use radar_sar::geometry::Pose;
-use radar_sar::{Calibration, Observation, TimeOffset};
+use radar_sar::{Observation, TimeOffset};
 use serde::{Deserialize, Serialize};
 
 use super::search::Search;
@@ -314,11 +314,6 @@ impl Mapper {
     /// The last estimate of the time offset, applied or not; `None` when there was none.
     pub fn time_offset_estimate(&self) -> Option<TimeOffset> {
         self.time_offset.estimate()
-    }
-
-    /// The last estimate of time offset, mount and range bias; `None` when there was none.
-    pub fn calibration(&self) -> Option<Calibration> {
-        self.time_offset.calibration()
     }
 
     /// The newest valid head pose and its time.

@@ -3,14 +3,12 @@
 //! Once a second the offset is estimated, every ten seconds while estimates confirm the one in use.
 //! An estimate is applied when it is accurate and differs significantly.
 
-use radar_sar::{Calibration, CalibrationSettings, Observation, SelfCalibration, TimeOffset};
+use radar_sar::{CalibrationSettings, Observation, SelfCalibration, TimeOffset};
 use serde::{Deserialize, Serialize};
 
 use super::offset_guard::OffsetGuard;
 use super::{SensorState, TrackingSettings};
 
-/// 1σ of the mount in each axis before it is estimated, metres. Choice: a mount that was measured by eye, or not at all.
-const MOUNT_SIGMA_M: f64 = 0.05;
 /// Interval of estimates, nanoseconds, and the interval while the offset in use is confirmed.
 /// Choice: an estimate remembers 20 s of sweeps, of which a second is a useful share; a confirmed
 /// offset seldom changes, and estimates take processor time.
@@ -51,7 +49,7 @@ pub(crate) struct TimeOffsetControl {
     in_use_s: f64,
     /// 1σ of the estimate in use; `None` while the settings' offset is in use.
     applied_sigma_s: Option<f64>,
-    calibration: Option<Calibration>,
+    estimate: Option<TimeOffset>,
     guard: OffsetGuard,
     next_estimate_ns: Option<i64>,
     /// Sweeps from this time on are used for the next estimate.
@@ -61,13 +59,13 @@ pub(crate) struct TimeOffsetControl {
 
 impl TimeOffsetControl {
     pub fn new(tracking: &TrackingSettings) -> Self {
-        let settings = calibration_settings(tracking, tracking.time_offset_s);
+        let settings = CalibrationSettings::new(tracking.time_offset_s, tracking.errors);
         Self {
             estimator: tracking.estimate_time_offset.then(|| SelfCalibration::new(settings)),
             max_sigma_s: tracking.max_time_offset_sigma_s,
             in_use_s: tracking.time_offset_s,
             applied_sigma_s: None,
-            calibration: None,
+            estimate: None,
             guard: OffsetGuard::default(),
             next_estimate_ns: None,
             listen_from_ns: i64::MIN,
@@ -87,12 +85,7 @@ impl TimeOffsetControl {
 
     /// The last estimate, applied or not.
     pub fn estimate(&self) -> Option<TimeOffset> {
-        self.calibration.map(|calibration| calibration.time_offset)
-    }
-
-    /// All that was estimated last.
-    pub fn calibration(&self) -> Option<Calibration> {
-        self.calibration
+        self.estimate
     }
 
     pub fn counters(&self) -> TimeOffsetCounters {
@@ -133,9 +126,9 @@ impl TimeOffsetControl {
     /// Estimates the offset. Returns the change to apply, seconds; from then on the new offset is in
     /// use. `invalidates_map`: whether a change of so many seconds loses the map.
     pub fn update(&mut self, now_ns: i64, invalidates_map: impl Fn(f64) -> bool) -> Option<f64> {
-        self.calibration = self.estimator.as_mut()?.estimate();
+        self.estimate = self.estimator.as_mut()?.estimate().map(|found| found.time_offset);
         self.counters.estimates += 1;
-        let estimate = self.estimate()?;
+        let estimate = self.estimate?;
         self.counters.tracks = estimate.tracks as u64;
         self.counters.tracks_left_out = estimate.tracks_left_out as u64;
         let is_known = estimate.observable && estimate.sigma_s <= self.max_sigma_s;
@@ -159,7 +152,7 @@ impl TimeOffsetControl {
                 && estimate.sigma_s <= 0.5 * self.max_sigma_s
                 && wrong_s <= MIN_CHANGE_S.max(estimate.sigma_s)
         };
-        self.estimate().as_ref().is_some_and(agrees)
+        self.estimate.as_ref().is_some_and(agrees)
     }
 
     /// Whether an estimate should replace the offset in use.
@@ -171,9 +164,4 @@ impl TimeOffsetControl {
             && wrong_s >= MIN_CHANGE_S
             && (wrong_s >= SIGNIFICANT * estimate.sigma_s || sharper)
     }
-}
-
-/// What is known before anything is estimated; the time offset is searched around `middle_s`.
-pub(crate) fn calibration_settings(tracking: &TrackingSettings, middle_s: f64) -> CalibrationSettings {
-    CalibrationSettings { middle_s, mount_sigma_m: MOUNT_SIGMA_M, errors: tracking.errors }
 }

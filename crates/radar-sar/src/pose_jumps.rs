@@ -18,7 +18,7 @@ const MAX_UNEVEN: f64 = 1.8;
 /// Watches poses in rising time.
 ///
 /// The deviation of a pose is from the parabola through the three before it. A jump of J before pose n deviates by J at
-/// pose n, by −2J at the next and by J at the one after: the middle one is the greatest and tells where.
+/// pose n, by −2J at the next and by J at the one after: the middle one is the greatest and marks the place.
 #[derive(Debug, Clone)]
 pub(crate) struct JumpDetector {
     /// The newest poses, seconds and metres, newest last.
@@ -88,22 +88,22 @@ mod tests {
 
     const STEP_NS: i64 = 8_333_333;
 
-    /// Numbers of the poses after which a jump was told, of 1200 poses of a moving head with jitter.
+    /// Numbers of the poses after which a jump was found, of 1200 poses of a moving head with jitter.
     fn jumps(jitter_m: f64, jump: impl Fn(i64) -> DVec3) -> Vec<i64> {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let mut detector = JumpDetector::default();
-        let told = (0..1200).filter(|&n| {
+        let found = (0..1200).filter(|&n| {
             let t = n as f64 * 8.333e-3;
             let path = DVec3::new((6.0 * t).sin(), 0.3 * (9.0 * t).cos(), (4.0 * t).sin()) * 0.12;
             let noise = DVec3::new(normal(), normal(), normal()) * jitter_m;
             detector.push(n * STEP_NS, path + noise + jump(n))
         });
-        told.collect()
+        found.collect()
     }
 
     #[test]
-    fn a_jump_is_told_once_and_in_its_place() {
+    fn a_jump_is_found_once_and_in_its_place() {
         for (jitter_m, size_m) in [(0.1e-3, 4e-3), (0.3e-3, 10e-3)] {
             let jump = |n: i64| if n >= 700 { DVec3::new(0.6, -0.8, 0.0) * size_m } else { DVec3::ZERO };
             assert_eq!(jumps(jitter_m, jump), [702], "{size_m}");

@@ -135,11 +135,7 @@ fn joined(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> (V
 
 fn time_offset(observations: &[Observation], path: &[SensorState], settings: &Settings) {
     let tracking = &settings.tracking;
-    let mut estimator = SelfCalibration::new(CalibrationSettings {
-        middle_s: tracking.time_offset_s,
-        mount_sigma_m: 0.05,
-        errors: tracking.errors,
-    });
+    let mut estimator = SelfCalibration::new(CalibrationSettings::new(tracking.time_offset_s, tracking.errors));
     let mut path = path.iter().peekable();
     let mut next_ns = observations.first().map_or(0, |o| o.mid_time_ns) + 1_000_000_000;
     for observation in observations {

@@ -23,7 +23,6 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::MappingSettings;
-use crate::time_offset_control::calibration_settings;
 use crate::{Event, Mapper, in_time_order};
 use crate::{Observer, ObserverSettings, SensorState};
 use a121::{Frame, SensorConfig};
@@ -33,7 +32,7 @@ use radar_sar::Observation;
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 use radar_sar::math;
-use radar_sar::{SelfCalibration, TimeOffset};
+use radar_sar::{CalibrationSettings, SelfCalibration, TimeOffset};
 use ranges::RangeReader;
 use rates::{RateSeries, offset_by_rates};
 
@@ -355,7 +354,7 @@ fn estimate(windows: &mut [OffsetWindow], joined: &JoinedStreams, start_ns: i64,
         let middle_s = middle_s(window, settings.tracking.time_offset_s);
         let at_ns = |since_s: f64| start_ns.saturating_add((since_s * 1e9).round() as i64);
         let (from_ns, to_ns) = (at_ns(window.from_s), at_ns(window.to_s));
-        let mut estimator = SelfCalibration::new(calibration_settings(&settings.tracking, middle_s));
+        let mut estimator = SelfCalibration::new(CalibrationSettings::new(middle_s, settings.tracking.errors));
         let [early_ns, late_ns] = [middle_s - PATH_MARGIN_S, middle_s + PATH_MARGIN_S].map(|s| (s * 1e9) as i64);
         let (path_from_ns, path_to_ns) = (from_ns.saturating_add(early_ns), to_ns.saturating_add(late_ns));
         let first = joined.path.partition_point(|at| at.time_ns < path_from_ns);

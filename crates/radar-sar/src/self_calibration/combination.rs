@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use super::corrections::{CORRECTIONS, Corrections, Matrix, Quadratic, dot, inverse, product, solution};
-use super::information::Information;
 
 /// Rounds of reweighting. Choice: the weights change little after the third.
 const ROUNDS: usize = 5;
@@ -12,11 +11,21 @@ const ROUNDS: usize = 5;
 const HALF_WEIGHT_DEVIATION: f64 = 3.0;
 /// A track of less than this share of its weight is counted as contradicting the others.
 const CONTRADICTING_SHARE: f64 = 0.5;
-/// 1σ of what a single track may deviate by beyond its own errors: it bounds what a track tells of a correction that it
-/// does not observe. Choice: ten times what matters.
+/// 1σ of what a single track may deviate by beyond its own errors: it bounds the deviation in a correction that
+/// the track does not observe. Choice: ten times what matters.
 const TRACK_SPREAD: Corrections = [10e-3, 30e-3, 30e-3, 30e-3, 5e-3];
 /// Tracks whose middles lie within this time share the errors of their poses, nanoseconds. Choice: tracks last up to 5 s.
 const SHARED_ERROR_NS: i64 = 5_000_000_000;
+
+/// What one track says of the present corrections.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TrackTerm {
+    pub quadratic: Quadratic,
+    /// See [`Information`](super::information::Information).
+    pub variance_factor: f64,
+    /// Middle of the track, host nanoseconds.
+    pub middle_ns: i64,
+}
 
 /// The step to the best corrections, with their covariance.
 #[derive(Debug, Clone)]
@@ -32,21 +41,21 @@ pub(super) struct Combination {
     pub counts: (usize, usize),
 }
 
-/// Combines what tracks tell, all of it at the same corrections, with what is known before. `None` when that does not
+/// Combines the tracks' terms, all at the same corrections, with the prior. `None` when that does not
 /// determine every correction.
-pub(super) fn combine(tracks: &[(Quadratic, f64, i64)], known: &Quadratic) -> Option<Combination> {
-    let own: Vec<f64> = tracks.iter().map(|(_, variance_factor, _)| 1.0 / variance_factor).collect();
+pub(super) fn combine(tracks: &[TrackTerm], prior: &Quadratic) -> Option<Combination> {
+    let own: Vec<f64> = tracks.iter().map(|track| 1.0 / track.variance_factor).collect();
     let mut weights = own.clone();
     let mut step = Corrections::default();
     for _ in 0..ROUNDS {
-        let sum = sum(tracks, &weights, known);
+        let sum = sum(tracks, &weights, prior);
         step = solution(&sum.factor()?, &sum.gradient);
-        for ((weight, own), (quadratic, ..)) in weights.iter_mut().zip(&own).zip(tracks) {
-            let deviation2 = squared_deviation(&quadratic.after(&step), *own);
+        for ((weight, own), track) in weights.iter_mut().zip(&own).zip(tracks) {
+            let deviation2 = squared_deviation(&track.quadratic.after(&step), *own);
             *weight = own / (1.0 + deviation2 / (HALF_WEIGHT_DEVIATION * HALF_WEIGHT_DEVIATION));
         }
     }
-    let covariance = inverse(&sum(tracks, &weights, known).factor()?);
+    let covariance = inverse(&sum(tracks, &weights, prior).factor()?);
     let factors = disagreement(tracks, &weights, &step, &covariance);
     let scale = factors.map(f64::sqrt);
     let contradicting = weights.iter().zip(&own).filter(|(weight, own)| **weight < CONTRADICTING_SHARE * **own).count();
@@ -59,15 +68,10 @@ pub(super) fn combine(tracks: &[(Quadratic, f64, i64)], known: &Quadratic) -> Op
     })
 }
 
-/// What [`combine`] takes of a track that tells `information` and whose fit lies a step away.
-pub(super) fn seen_after(information: &Information, step: &Corrections) -> (Quadratic, f64, i64) {
-    (information.quadratic.after(step), information.variance_factor, information.middle_ns)
-}
-
-/// Sum of the weighted tracks and of what is known.
-pub(super) fn sum(tracks: &[(Quadratic, f64, i64)], weights: &[f64], known: &Quadratic) -> Quadratic {
-    let mut sum = *known;
-    tracks.iter().zip(weights).for_each(|((quadratic, ..), weight)| sum.add(quadratic, *weight));
+/// Sum of the weighted tracks and the prior.
+fn sum(tracks: &[TrackTerm], weights: &[f64], prior: &Quadratic) -> Quadratic {
+    let mut sum = *prior;
+    tracks.iter().zip(weights).for_each(|(track, weight)| sum.add(&track.quadratic, *weight));
     sum
 }
 
@@ -82,18 +86,13 @@ fn squared_deviation(track: &Quadratic, weight: f64) -> f64 {
 
 /// By how much the variance of each correction exceeds what the tracks' own errors explain, at least 1: from what each
 /// track, and all tracks of one time together, change of it.
-fn disagreement(
-    tracks: &[(Quadratic, f64, i64)],
-    weights: &[f64],
-    step: &Corrections,
-    covariance: &Matrix,
-) -> Corrections {
+fn disagreement(tracks: &[TrackTerm], weights: &[f64], step: &Corrections, covariance: &Matrix) -> Corrections {
     let mut together: BTreeMap<i64, Corrections> = BTreeMap::new();
     let mut single = Corrections::default();
-    for ((quadratic, _, middle_ns), weight) in tracks.iter().zip(weights) {
-        let pull = quadratic.after(step).gradient.map(|gradient| gradient * weight);
+    for (track, weight) in tracks.iter().zip(weights) {
+        let pull = track.quadratic.after(step).gradient.map(|gradient| gradient * weight);
         let change = product(covariance, &pull);
-        let sum = together.entry(middle_ns.div_euclid(SHARED_ERROR_NS)).or_default();
+        let sum = together.entry(track.middle_ns.div_euclid(SHARED_ERROR_NS)).or_default();
         for k in 0..CORRECTIONS {
             single[k] += change[k] * change[k];
             sum[k] += change[k];
@@ -110,16 +109,16 @@ mod tests {
     use super::*;
 
     /// A track that says the first correction is `offset` ± `sigma`, and nothing else.
-    fn track(offset: f64, sigma: f64, middle_s: i64) -> (Quadratic, f64, i64) {
+    fn track(offset: f64, sigma: f64, middle_s: i64) -> TrackTerm {
         let mut quadratic = Quadratic::default();
         quadratic.expect(0, offset, sigma);
-        (quadratic, 1.0, middle_s * 1_000_000_000)
+        TrackTerm { quadratic, variance_factor: 1.0, middle_ns: middle_s * 1_000_000_000 }
     }
 
     fn vague() -> Quadratic {
-        let mut known = Quadratic::default();
-        (0..CORRECTIONS).for_each(|k| known.expect(k, 0.0, 0.1));
-        known
+        let mut prior = Quadratic::default();
+        (0..CORRECTIONS).for_each(|k| prior.expect(k, 0.0, 0.1));
+        prior
     }
 
     #[test]
@@ -130,7 +129,7 @@ mod tests {
         assert_eq!(all.counts, (3, 1));
         let sigma = all.covariance[0][0].sqrt();
         assert!((0.5e-3..2e-3).contains(&sigma), "{sigma}");
-        assert!(all.covariance[1][1].sqrt() > 0.09, "nothing is told of the shift");
+        assert!(all.covariance[1][1].sqrt() > 0.09, "no track observes the shift");
     }
 
     #[test]

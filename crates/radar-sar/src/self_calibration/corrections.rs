@@ -67,7 +67,7 @@ impl Quadratic {
     /// An infinite one leaves nothing of that correction.
     pub fn without(&self, index: usize, sigma: f64) -> Self {
         let pivot = self.matrix[index][index] + 1.0 / (sigma * sigma);
-        // Nothing is told of it, up to rounding; or the error is zero.
+        // It is not observed, up to rounding; or the error is zero.
         if pivot <= 0.0 || pivot.is_infinite() {
             return *self;
         }

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::combination::{Combination, combine, seen_after, sum};
+use super::combination::{Combination, TrackTerm, combine};
 use super::corrections::{BIAS, CORRECTIONS, Corrections, Matrix, OFFSET, Quadratic, SHIFT};
 use super::echoes::EchoReader;
 use super::information::Information;
@@ -23,7 +23,8 @@ const MIN_RANGE_M: f64 = 0.2;
 /// Greatest distance of the time offset from the middle of the search, seconds, and its 1σ before. Choice: delays of
 /// headsets and lines are tens of milliseconds.
 const REACH_S: f64 = 0.1;
-/// 1σ of the range bias before, metres. Source: reality.md's −6 to 0 mm of profile 3, centred.
+/// 1σ of the range bias before, metres. Measured: the vendor's offset compensation
+/// puts profile 3 at −6 to 0 mm.
 const BIAS_SIGMA_M: f64 = 3e-3;
 /// Time offsets that the first iterations start from, relative to the middle of the search, seconds. Choice: descents
 /// begin at most 25 ms off.
@@ -44,7 +45,7 @@ const SMALL_STEP: f64 = 0.1;
 /// variance by more than this factor. Choice: within these the quadratic approximation changes by a few per cent.
 const REFIT: Corrections = [0.3e-3, 1e-3, 1e-3, 1e-3, 3e-3];
 const REFIT_DRIFT: f64 = 1.3;
-/// Time after which what tracks tell of the time offset is forgotten, nanoseconds; of the rest their sum is kept.
+/// Time after which the tracks' information on the time offset is dropped, nanoseconds; that on the rest is kept as a sum.
 /// Choice: long enough to average over several movements, short enough that slow drifts of the offset are followed.
 const MEMORY_NS: i64 = 20_000_000_000;
 /// Time constant with which the sum is forgotten, seconds. Choice: a sensor that was knocked is found again in
@@ -75,6 +76,13 @@ pub struct CalibrationSettings {
     pub errors: PositionErrors,
 }
 
+impl CalibrationSettings {
+    /// For a mount that was measured by eye, or not at all: 5 cm.
+    pub fn new(middle_s: f64, errors: PositionErrors) -> Self {
+        Self { middle_s, mount_sigma_m: 0.05, errors }
+    }
+}
+
 /// An estimate of the time offset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TimeOffset {
@@ -90,14 +98,14 @@ pub struct TimeOffset {
     pub tracks_left_out: usize,
 }
 
-/// What the echoes tell.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// The corrections as estimated.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
     /// Time offset between the streams.
     pub time_offset: TimeOffset,
     /// Where the sensor is in the axes of the assumed sensor, metres.
     pub mount_shift_m: DVec3,
-    /// Covariance of that, m². An axis that the motion did not tell keeps its variance of before.
+    /// Covariance of that, m². An axis that the motion did not make observable keeps its prior variance.
     pub mount_covariance_m2: DMat3,
     /// Measured minus true range, metres, and its 1σ.
     pub range_bias_m: f64,
@@ -107,7 +115,7 @@ pub struct Calibration {
     pub drift_m: f64,
 }
 
-/// A track with what it tells of corrections near `at`.
+/// A track with its information on corrections near `at`.
 #[derive(Debug, Clone)]
 struct FittedTrack {
     fit: TrackFit,
@@ -140,7 +148,7 @@ pub struct SelfCalibration {
     subsweeps: BTreeMap<usize, (EchoReader, Tracks)>,
     waiting: VecDeque<Track>,
     fitted: VecDeque<FittedTrack>,
-    /// What forgotten tracks told of the mount and the range bias, at the corrections `known_at`.
+    /// Information of former tracks on the mount and the range bias, at the corrections `known_at`.
     known: Quadratic,
     known_at: Corrections,
     /// Where the last estimate ended; `None` before the first whose time offset was observed.
@@ -268,8 +276,8 @@ impl SelfCalibration {
             self.refit(tracks, &point);
             // A large drift explains any offset: starts are compared without it.
             let change = if rounds == Rounds::Start { 1.0 } else { drift_change(tracks, point.drift_scale) };
-            let told: Vec<_> = tracks.iter().filter_map(|track| track.seen_from(&point.at)).collect();
-            let combination = if told.is_empty() { None } else { combine(&told, &self.known_at_point(&point.at)) }?;
+            let terms: Vec<TrackTerm> = tracks.iter().filter_map(|track| track.term_at(&point.at)).collect();
+            let combination = if terms.is_empty() { None } else { combine(&terms, &self.prior_at(&point.at)) }?;
             let is_small = |k: usize| combination.step[k].abs() <= SMALL_STEP * combination.covariance[k][k].sqrt();
             let is_done = (0..CORRECTIONS).all(is_small) && (1.0 / REFIT_DRIFT..REFIT_DRIFT).contains(&change);
             for (at, (step, most)) in point.at.iter_mut().zip(combination.step.iter().zip(MAX_STEP)) {
@@ -307,8 +315,8 @@ impl SelfCalibration {
         });
     }
 
-    /// What is known before, seen from these corrections.
-    fn known_at_point(&self, at: &Corrections) -> Quadratic {
+    /// The prior at these corrections, with the information of former tracks.
+    fn prior_at(&self, at: &Corrections) -> Quadratic {
         let step = std::array::from_fn(|k| at[k] - self.known_at[k]);
         let mut known = self.known.after(&step);
         let CalibrationSettings { middle_s, mount_sigma_m, .. } = self.settings;
@@ -318,8 +326,8 @@ impl SelfCalibration {
         known
     }
 
-    /// Keeps of old tracks what they told of the mount and the range bias. They go together, because they share a time
-    /// offset, which is eliminated.
+    /// Keeps old tracks' information on the mount and the range bias as a sum. They go together, because they share a
+    /// time offset, which is eliminated.
     fn forget(&mut self, end_ns: i64, point: &Point, combination: &Combination) {
         let is_old = |track: &FittedTrack| end_ns.saturating_sub(track.fit.last_ns) > 2 * MEMORY_NS;
         if !self.fitted.front().is_some_and(is_old) {
@@ -327,14 +335,16 @@ impl SelfCalibration {
         }
         let since_ns = end_ns.saturating_sub(MEMORY_NS);
         let count = self.fitted.iter().take_while(|track| track.fit.last_ns < since_ns).count();
-        let old = self.fitted.drain(..count).filter_map(|track| track.seen_from(&point.at));
-        let mut told = Quadratic::default();
-        for ((quadratic, ..), weight) in old.zip(&combination.weights) {
-            told.add(&quadratic, weight / combination.disagreement);
+        let old = self.fitted.drain(..count).filter_map(|track| track.term_at(&point.at));
+        let mut old_sum = Quadratic::default();
+        for (term, weight) in old.zip(&combination.weights) {
+            old_sum.add(&term.quadratic, weight / combination.disagreement);
         }
         let step = std::array::from_fn(|k| point.at[k] - self.known_at[k]);
         let kept = math::exp(-(MEMORY_NS as f64) * 1e-9 / FORGET_S);
-        self.known = sum(&[(self.known.after(&step), 1.0, 0)], &[kept], &told.without(OFFSET, f64::INFINITY));
+        let former = self.known.after(&step);
+        self.known = old_sum.without(OFFSET, f64::INFINITY);
+        self.known.add(&former, kept);
         self.known_at = point.at;
     }
 
@@ -347,9 +357,10 @@ impl SelfCalibration {
 }
 
 impl FittedTrack {
-    fn seen_from(&self, at: &Corrections) -> Option<(Quadratic, f64, i64)> {
-        let information = self.information.as_ref()?;
-        Some(seen_after(information, &std::array::from_fn(|k| at[k] - self.at[k])))
+    fn term_at(&self, at: &Corrections) -> Option<TrackTerm> {
+        let Information { quadratic, variance_factor, middle_ns, .. } = self.information?;
+        let step = std::array::from_fn(|k| at[k] - self.at[k]);
+        Some(TrackTerm { quadratic: quadratic.after(&step), variance_factor, middle_ns })
     }
 }
 
@@ -416,21 +427,21 @@ mod tests {
     const POINT: [(Echo, f64); 1] = [(Echo::Point(AT), 8.0)];
 
     fn settings() -> CalibrationSettings {
-        CalibrationSettings { middle_s: 0.0, mount_sigma_m: 0.05, errors: PositionErrors::default() }
+        CalibrationSettings::new(0.0, PositionErrors::default())
     }
 
     /// Sweeps along one path of the sensor, poses along another with time stamps late by the offset.
     fn estimated(
         seen: impl Fn(f64) -> DVec3,
-        told: impl Fn(f64) -> Pose,
+        tracked: impl Fn(f64) -> Pose,
         echoes: &[(Echo, f64)],
         (duration_s, offset_s): (f64, f64),
     ) -> Option<Calibration> {
         let mut estimator = SelfCalibration::new(settings());
         for step in -60..(duration_s * 200.0) as i32 + 100 {
             let time_s = f64::from(step) * 5e-3;
-            let velocity = (told(time_s + 1e-4).translation - told(time_s - 1e-4).translation) / 2e-4;
-            estimator.push_path(1_000_000_000 + ((time_s + offset_s) * 1e9) as i64, &told(time_s), velocity);
+            let velocity = (tracked(time_s + 1e-4).translation - tracked(time_s - 1e-4).translation) / 2e-4;
+            estimator.push_path(1_000_000_000 + ((time_s + offset_s) * 1e9) as i64, &tracked(time_s), velocity);
         }
         sweeps(duration_s, seen, echoes, 1).iter().for_each(|sweep| estimator.push_sweep(sweep));
         estimator.estimate()
@@ -508,7 +519,7 @@ mod tests {
         let found = estimated(|t| seen(still(t)), still, &echoes, (12.0, 0.015)).unwrap();
         let sigma_m = found.mount_covariance_m2.x_axis.x.sqrt();
         assert!(is_right(Some(found), 0.015) && sigma_m > 0.04, "{found:?}");
-        // A plain turn to the sides tells the mount from side to side, not its height.
+        // Turning to the sides makes the lateral position observable, not the height.
         let yaw = |t: f64| Pose { rotation: DQuat::from_rotation_y(0.5 * (1.9 * t).sin()), ..still(t) };
         let found = estimated(|t| seen(yaw(t)), yaw, &echoes, (12.0, 0.015)).unwrap();
         let sigma_m = DMat3::to_cols_array_2d(&found.mount_covariance_m2);

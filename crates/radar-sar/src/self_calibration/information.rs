@@ -1,4 +1,4 @@
-//! What one track tells of the corrections, once its own unknowns are eliminated (Schur complement).
+//! A track's information on the corrections, once its own unknowns are eliminated (Schur complement).
 
 use std::collections::BTreeMap;
 
@@ -14,8 +14,8 @@ const DERIVATIVE_ERRORS: [f64; BIAS] = [15e-3, 1e-3, 1e-3, 1e-3];
 /// Residuals within this time are summed when estimating their correlation, nanoseconds. Choice: the
 /// window over which poses are smoothed, within which their errors are alike.
 const CORRELATION_NS: i64 = 100_000_000;
-/// Corrections that matter: 1 ms, and 3 mm. Choice: an echo is misplaced by less at 1 m/s. They weigh what several
-/// corrections say.
+/// Corrections that matter: 1 ms, and 3 mm. Choice: an echo is misplaced by less at 1 m/s. They weigh the
+/// corrections against each other.
 const RELEVANT: Corrections = [1e-3, 3e-3, 3e-3, 3e-3, 3e-3];
 /// The slow error of a track is taken as the tracking's when this share of its phases is unwrapped, with this rms
 /// residual, metres. Choice: a body that sways or two interfering parts lose the phase, or leave more than λ/8 of it.
@@ -28,7 +28,7 @@ pub(super) struct Information {
     pub quadratic: Quadratic,
     /// Factor by which misfit and correlation of the residuals increase the variance; at least 1.
     pub variance_factor: f64,
-    /// Power of the drift relative to its prior, and how many of its unknowns the track tells of (MacKay 1992, Neural
+    /// Power of the drift relative to its prior, and how many of its unknowns the track observes (MacKay 1992, Neural
     /// Computation 4:415, eq. 4.9); `None` where it may be another error.
     pub drift: Option<(f64, f64)>,
     /// Middle of the track, host nanoseconds.
@@ -55,7 +55,7 @@ impl Information {
         let count = equations.len() as f64;
         let misfit = ((by_range + by_phase) / (count - 4.0)).max(1.0);
         let correlated = correlation(&quadratic.matrix, &pulls(&equations, &remaining));
-        let told = equations.iter().map(|e| e.weight).sum();
+        let weight = equations.iter().map(|e| e.weight).sum();
         let phases = (equations.len() - ranges) as f64;
         let is_coherent = phases >= COHERENT_SHARE * problem.track.rows.len() as f64
             && PHASE_ERROR_M * (by_phase / phases.max(1.0)).sqrt() <= COHERENT_RMS_M;
@@ -69,7 +69,7 @@ impl Information {
             (0..basis.functions()).map(of_function).fold((0.0, 0.0), |sum, of| (sum.0 + of.0, sum.1 + of.1))
         };
         Some(Self {
-            quadratic: without_pose_errors(quadratic, told),
+            quadratic: without_pose_errors(quadratic, weight),
             variance_factor: misfit * correlated,
             drift: is_coherent.then(drift),
             middle_ns: problem.track.first_ns + (problem.track.last_ns - problem.track.first_ns) / 2,
@@ -138,10 +138,10 @@ fn correlation(matrix: &Matrix, pulls: &[Corrections]) -> f64 {
 }
 
 /// Changes of a derivative that errors of the poses alone explain carry no information. The rest is what is left when
-/// the track has an error of its own in that correction. `told` is the sum of the weights.
-fn without_pose_errors(quadratic: Quadratic, told: f64) -> Quadratic {
+/// the track has an error of its own in that correction. `weight` is the sum of the equations' weights.
+fn without_pose_errors(quadratic: Quadratic, weight: f64) -> Quadratic {
     (OFFSET..BIAS).fold(quadratic, |left, k| {
-        let (all, of_errors) = (left.matrix[k][k], DERIVATIVE_ERRORS[k] * DERIVATIVE_ERRORS[k] * told);
+        let (all, of_errors) = (left.matrix[k][k], DERIVATIVE_ERRORS[k] * DERIVATIVE_ERRORS[k] * weight);
         let own_variance = if of_errors < all { of_errors / (all * (all - of_errors)) } else { f64::INFINITY };
         left.without(k, own_variance.sqrt())
     })

@@ -7,8 +7,8 @@
 //! the corrections that all tracks share, with their covariance, by Gauss–Newton. How large the slow tracking error is
 //! is estimated from the tracks as well.
 //!
-//! It works on echoes alone and does not use the map, so a wrong map cannot mislead it. What the motion does not tell,
-//! keeps the standard deviation it had before: without rotation the position is not observed, and along a straight path
+//! It works on echoes alone and does not use the map, so a wrong map cannot mislead it. What the motion does not
+//! make observable keeps its prior standard deviation: without rotation the position is not observed, and along a straight path
 //! at constant speed an offset looks like depth.
 
 mod basis;

@@ -154,7 +154,7 @@ impl TrackFit {
         })
     }
 
-    /// What the track tells of corrections near `at`; `path` has the sensor shifted by them already. `None` where the
+    /// The track's information on corrections near `at`; `path` has the sensor shifted by them already. `None` where the
     /// path has a gap.
     pub fn information(&mut self, path: &SensorPath, at: &Corrections, drift_scale: f64) -> Option<Information> {
         let problem = Problem::new(self, path, at, drift_scale)?;

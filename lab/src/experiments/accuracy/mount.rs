@@ -15,7 +15,7 @@ use radar_sar::geometry::Pose;
 use radar_sar::{Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
 use radar_simulation::{Headset, PlaySession, PlayWorld, Session, TrackingErrors};
 
-/// Farthest that the true mount is from the one that is told. Choice: a sensor taped anywhere to a headset's front.
+/// Farthest that the true mount is from the assumed one. Choice: a sensor taped anywhere to a headset's front.
 const MAX_SHIFT_M: f64 = 0.08;
 const MAX_TURN_DEG: f64 = 20.0;
 /// Times after which the estimate is read, seconds.
@@ -23,8 +23,6 @@ const READ_S: [f64; 3] = [15.0, 30.0, 60.0];
 
 /// Interval of the estimates, a divisor of all of them.
 const ESTIMATE_S: f64 = 5.0;
-/// 1σ of the mount before, in each axis, metres: as the program assumes.
-const MOUNT_SIGMA_M: f64 = 0.05;
 
 /// The estimate in one room after one of [`READ_S`].
 struct Read {
@@ -35,7 +33,7 @@ struct Read {
 }
 
 /// Errors of the mount and of the time offset, which is 0, after 15, 30 and 60 s of play, one row for each headset and
-/// time. The mount is told wrong by up to 8 cm and 20°, differently in each room.
+/// time. The assumed mount is wrong by up to 8 cm and 20°, differently in each room.
 ///
 /// # Panics
 /// The session cannot be simulated.
@@ -96,18 +94,17 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
     ]
 }
 
-/// Plays one room whose sensor is elsewhere than told. Echoes and path alone are used: nothing is mapped.
+/// Plays one room whose sensor is elsewhere than assumed. Echoes and path alone are used: nothing is mapped.
 fn played(session: &PlaySession) -> [Option<Read>; 3] {
-    let told = session.head_from_sensor;
+    let assumed = session.head_from_sensor;
     let off = random_shift(session.seed);
     let duration_s = READ_S[READ_S.len() - 1] + 1.0;
-    let session = PlaySession { duration_s, head_from_sensor: told * off, ..session.clone() };
+    let session = PlaySession { duration_s, head_from_sensor: assumed * off, ..session.clone() };
     let session = session.prepare().unwrap_or_else(|error| panic!("{error}"));
     let tracking = Settings::default().tracking;
-    let settings = ObserverSettings { history: tracking.history, head_from_sensor: told, time_offset_s: 0.0 };
+    let settings = ObserverSettings { history: tracking.history, head_from_sensor: assumed, time_offset_s: 0.0 };
     let mut observer = Observer::new(&session.play().config, settings);
-    let settings = CalibrationSettings { middle_s: 0.0, mount_sigma_m: MOUNT_SIGMA_M, errors: tracking.errors };
-    let mut calibration = SelfCalibration::new(settings);
+    let mut calibration = SelfCalibration::new(CalibrationSettings::new(0.0, tracking.errors));
     let mut reads = [const { None }; 3];
     let mut next_s = ESTIMATE_S;
     let frames = session.frames(0..session.frame_count());
