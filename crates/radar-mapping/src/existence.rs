@@ -187,6 +187,13 @@ impl Existence {
         Self { log_odds: RESTORED_LOG_ODDS, sides, ..Self::new() }
     }
 
+    /// It was seen with wrong poses: as little is certain as of a restored object, and the sub-apertures with right poses
+    /// count anew.
+    pub fn distrust(&mut self) {
+        self.log_odds = self.log_odds.min(RESTORED_LOG_ODDS);
+        self.newest_ns = i64::MIN;
+    }
+
     /// The greatest power that it reflected in each azimuth sector.
     pub fn strengths(&self) -> [f64; AZIMUTH_SECTORS] {
         self.sides.map(|bands| bands.iter().map(|side| side.strength).fold(0.0, f64::max))

@@ -56,6 +56,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod classifier;
+mod calibration_control;
 mod clean;
 mod event;
 mod evidence;
@@ -63,6 +64,8 @@ mod existence;
 mod hands;
 mod history;
 mod mapper;
+mod mount_control;
+mod mount_estimate;
 mod moving_targets;
 mod observer;
 mod offset_guard;
@@ -77,10 +80,10 @@ mod scene;
 mod search;
 mod settings;
 mod synchronisation;
-mod time_offset_control;
 mod timestamps;
 mod tracks;
 
+pub use calibration_control::{MountCounters, TimeOffsetCounters};
 pub use classifier::{FEATURES, HeldOutScore, Model, ModelCard, ModelError, ScoredCandidate, Tree};
 pub use clean::{CleanSettings, Detection};
 pub(crate) use clean::{CleanWindow, Detections};
@@ -89,6 +92,7 @@ pub use evidence::Evidence;
 pub use existence::ExistenceSettings;
 pub use hands::{HandTrail, HandsM, HandsSample};
 pub use mapper::{Mapper, MapperCounters, SearchCounters};
+pub use mount_estimate::MountEstimate;
 pub use moving_targets::{MovingTarget, MovingTargetTracker, MtiSettings};
 pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};
 pub use range_axis::range_axis;
@@ -102,9 +106,8 @@ pub use scene::{Observed, Obstacle, Scene, Wall};
 pub use search::{DEFAULT_CUBE_M, MapperKind, cube_ahead};
 pub use settings::{MappingSettings, MappingSettingsError, Mode, ProcessingSettings, RadarSettings, TrackingSettings};
 pub use synchronisation::{
-    Lag, LagCurve, MountEstimate, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation,
+    Lag, LagCurve, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation,
     SynchronisationError, reflector_series, synchronisation,
 };
-pub use time_offset_control::TimeOffsetCounters;
 pub use tracks::{RECENT_UPDATES, TrackSettings};
 pub(crate) use tracks::{Track, TrackList, same_plane, same_point};

@@ -1,7 +1,7 @@
 //! The mapper: frames, poses and hands in, scene out.
 //!
 //! The observer gives each sweep the sensor's pose at its own time; the search maps the sweeps; the
-//! time-offset control corrects the time between the streams. There is no clock, no I/O and no
+//! calibration control corrects the time between the streams and the sensor's mount. There is no clock, no I/O and no
 //! randomness: the same events and settings give the same scene, byte for byte.
 
 use a121::SensorConfig;
@@ -10,10 +10,10 @@ use radar_sar::geometry::Pose;
 use radar_sar::{Observation, TimeOffset};
 use serde::{Deserialize, Serialize};
 
+use super::calibration_control::{CalibrationChange, CalibrationControl, MountCounters, TimeOffsetCounters};
 use super::search::Search;
-use super::time_offset_control::{TimeOffsetControl, TimeOffsetCounters};
 use super::{
-    Accepted, Event, Evidence, MapperKind, MappingSettings, Observer, ObserverCounters, ObserverSettings, Refusal,
+    Accepted, Event, Evidence, MapperKind, MappingSettings, MountEstimate, Observer, ObserverCounters, ObserverSettings, Refusal,
     RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
 };
 
@@ -30,6 +30,9 @@ pub struct MapperCounters {
     pub engine: SearchCounters,
     /// Counters of the time offset.
     pub time_offset: TimeOffsetCounters,
+    /// Counters of the mount.
+    #[serde(default)]
+    pub mount: MountCounters,
 }
 
 /// Counters of the search.
@@ -41,11 +44,11 @@ pub struct SearchCounters {
     pub observations: u64,
     /// Observations dropped to bound memory (single reflectors only).
     pub observations_thinned: u64,
-    /// Observations that got a new pose from a new time offset.
+    /// Observations that got a new pose from a new time offset or mount.
     pub observations_reposed: u64,
-    /// Observations for which the new time offset gives no pose.
+    /// Observations for which that gives no pose.
     pub observations_lost: u64,
-    /// How often the room mapper restarted because its poses had been wrong.
+    /// How often the room mapper imaged the sweeps of its window again, because their poses had been wrong.
     pub searches_begun_again: u64,
     /// Counters of the room mapper.
     pub rooms: RoomMapperCounters,
@@ -60,7 +63,7 @@ pub struct Mapper {
     settings: MappingSettings,
     observer: Observer,
     search: Search,
-    time_offset: TimeOffsetControl,
+    calibration: CalibrationControl,
     /// Time and `tracking_from_sensor`, every 20 ms.
     sensor_path: Vec<(i64, Pose)>,
     /// Time of the newest observation, and the end of its sweep.
@@ -84,21 +87,22 @@ impl Mapper {
     /// For a valid configuration. `head_from_sensor`: the mount; one in the settings has precedence.
     pub fn new(config: &SensorConfig, head_from_sensor: &Pose, settings: &MappingSettings) -> Self {
         let tracking = &settings.tracking;
+        let head_from_sensor = tracking.mount.unwrap_or(*head_from_sensor);
         let observer_settings = ObserverSettings {
             history: tracking.history,
-            head_from_sensor: tracking.mount.unwrap_or(*head_from_sensor),
+            head_from_sensor,
             time_offset_s: tracking.time_offset_s,
         };
         let (mut observer, search) = (Observer::new(config, observer_settings), Search::new(config, settings));
-        let time_offset = TimeOffsetControl::new(tracking);
-        if time_offset.is_estimated() {
+        let calibration = CalibrationControl::new(tracking, &head_from_sensor);
+        if calibration.is_active() {
             observer.keep_poses_s(search.pose_retention_s(settings));
         }
         Self {
             settings: settings.clone(),
             observer,
             search,
-            time_offset,
+            calibration,
             sensor_path: Vec::new(),
             newest_ns: None,
             counts: Counts::default(),
@@ -122,8 +126,8 @@ impl Mapper {
         }
         let is_due = std::mem::take(&mut self.is_estimate_due);
         if is_due {
-            self.update_time_offset();
-            self.time_offset.schedule(self.observer.newest_pose_ns().unwrap_or(i64::MIN));
+            self.update_calibration();
+            self.calibration.schedule(self.observer.newest_pose_ns().unwrap_or(i64::MIN));
         }
         is_due
     }
@@ -147,7 +151,7 @@ impl Mapper {
             Event::Pose(pose) => {
                 let pushed = self.observer.push_pose(&pose);
                 let observations = self.process_ready(false);
-                self.schedule_time_offset();
+                self.schedule_calibration();
                 pushed.map(|()| Accepted { observations })
             }
         }
@@ -170,7 +174,7 @@ impl Mapper {
     /// Ends the input: what waits is processed.
     pub fn finish(&mut self) {
         self.process_ready(true);
-        self.update_time_offset();
+        self.update_calibration();
         self.search.finish();
     }
 
@@ -179,7 +183,7 @@ impl Mapper {
     fn process_ready(&mut self, rest: bool) -> usize {
         let path = self.observer.take_path();
         let observations = if rest { self.observer.take_rest() } else { self.observer.take_ready() };
-        self.time_offset.push(&path, &observations);
+        self.calibration.push(&path, &observations);
         let count = observations.len();
         for observation in observations {
             self.map(observation);
@@ -207,33 +211,31 @@ impl Mapper {
         while !self.is_deferred && self.search.work() {}
     }
 
-    fn schedule_time_offset(&mut self) {
+    fn schedule_calibration(&mut self) {
         let Some(now_ns) = self.observer.newest_pose_ns() else { return };
-        if !self.time_offset.is_due(now_ns) {
+        if !self.calibration.is_due(now_ns) {
             return;
         }
         // The first time there are no data yet.
-        let has_data = self.time_offset.is_scheduled();
+        let has_data = self.calibration.is_scheduled();
         self.is_estimate_due |= self.is_deferred && has_data;
         if has_data && !self.is_deferred {
-            self.update_time_offset();
+            self.update_calibration();
         }
-        self.time_offset.schedule(now_ns);
+        self.calibration.schedule(now_ns);
     }
 
-    fn update_time_offset(&mut self) {
+    fn update_calibration(&mut self) {
         let now_ns = self.observer.newest_pose_ns().unwrap_or(i64::MIN);
-        let search = &self.search;
-        let Some(change_s) = self.time_offset.update(now_ns, |change_s| search.is_invalidated_by(change_s)) else {
-            return;
-        };
-        self.observer.set_time_offset_s(self.time_offset.in_use_s());
-        self.repose(change_s);
+        let Some(change) = self.calibration.update(now_ns) else { return };
+        self.observer.set_time_offset_s(self.calibration.in_use_s());
+        self.observer.set_mount(self.calibration.mount_in_use());
+        self.repose(&change);
     }
 
-    /// Gives the search's observations the poses of the new time offset.
-    fn repose(&mut self, change_s: f64) {
-        let offset_ns = (self.time_offset.in_use_s() * 1e9).round() as i64;
+    /// Gives the search's observations the poses of the changed calibration.
+    fn repose(&mut self, change: &CalibrationChange) {
+        let offset_ns = (self.calibration.in_use_s() * 1e9).round() as i64;
         let (observer, counts) = (&self.observer, &mut self.counts);
         let repose = |observation: &mut Observation| {
             let sensor = observer.sensor_at(observation.mid_time_ns.saturating_add(offset_ns)).ok();
@@ -245,7 +247,7 @@ impl Mapper {
             counts.lost += u64::from(sensor.is_none());
             sensor.is_some()
         };
-        if self.search.repose(change_s, repose) {
+        if self.search.repose(change, repose) {
             self.counts.restarts += 1;
             while !self.is_deferred && self.search.work() {}
         }
@@ -308,12 +310,22 @@ impl Mapper {
 
     /// The time offset in use: time of a sweep's pose minus time of the sweep, seconds.
     pub fn time_offset_s(&self) -> f64 {
-        self.time_offset.in_use_s()
+        self.calibration.in_use_s()
     }
 
     /// The last estimate of the time offset, applied or not; `None` when there was none.
     pub fn time_offset_estimate(&self) -> Option<TimeOffset> {
-        self.time_offset.estimate()
+        self.calibration.estimate()
+    }
+
+    /// The mount in use, `head_from_sensor`.
+    pub fn mount(&self) -> Pose {
+        self.calibration.mount_in_use()
+    }
+
+    /// The last estimate of the mount, applied or not; `None` when there was none.
+    pub fn mount_estimate(&self) -> Option<MountEstimate> {
+        self.calibration.mount_estimate()
     }
 
     /// The newest valid head pose and its time.
@@ -342,6 +354,8 @@ impl Mapper {
             searches_begun_again: self.counts.restarts,
             rooms: self.search.room_counters(),
         };
-        MapperCounters { streams: *self.observer.counters(), engine, time_offset: self.time_offset.counters() }
+        let Self { observer, calibration, .. } = self;
+        let (time_offset, mount) = (calibration.counters(), calibration.mount_counters());
+        MapperCounters { streams: *observer.counters(), engine, time_offset, mount }
     }
 }

@@ -200,6 +200,11 @@ impl MovingTargetTracker {
         }
     }
 
+    /// Time of the newest sub-aperture, host nanoseconds.
+    pub fn newest_ns(&self) -> Option<i64> {
+        self.newest.map(|(newest_ns, _)| newest_ns)
+    }
+
     /// Confirmed targets, predicted to the time of the newest sub-aperture.
     pub fn targets(&self) -> Vec<MovingTarget> {
         let Some((now_ns, _)) = self.newest else { return Vec::new() };

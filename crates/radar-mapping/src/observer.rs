@@ -93,6 +93,8 @@ pub struct ObserverCounters {
 #[derive(Debug)]
 pub struct Observer {
     settings: ObserverSettings,
+    /// The mount of the beginning, which the path is that of.
+    assumed_mount: Pose,
     layout: FrameLayout,
     geometries: Vec<Arc<SweepGeometry>>,
     history: PoseHistory,
@@ -122,6 +124,7 @@ impl Observer {
             geometries: geometries.collect(),
             layout,
             history: PoseHistory::new(settings.history),
+            assumed_mount: settings.head_from_sensor,
             settings,
             waiting: VecDeque::new(),
             ready: Vec::new(),
@@ -165,6 +168,11 @@ impl Observer {
         self.settings.time_offset_s = time_offset_s;
     }
 
+    /// Changes the mount, `head_from_sensor`, for the frames that still wait and those to come.
+    pub fn set_mount(&mut self, head_from_sensor: Pose) {
+        self.settings.head_from_sensor = head_from_sensor;
+    }
+
     /// The sensor at a time of the pose stream, in the same way as for a sweep.
     ///
     /// # Errors
@@ -184,8 +192,8 @@ impl Observer {
         sensor_at(&self.history, at_ns, &self.settings.head_from_sensor, known_until_ns)
     }
 
-    /// The sensor's path since the last call, every 5 ms, up to where no later pose makes it
-    /// smoother. This does not depend on how early sweeps get their poses.
+    /// The path since the last call of a sensor at the mount of the beginning, every 5 ms, up to where no later pose makes
+    /// it smoother. This does not depend on how early sweeps get their poses.
     pub fn take_path(&mut self) -> Vec<SensorState> {
         let smooth_ns = self.settings.history.smooth_ns();
         let Some(last_ns) = self.history.last_time_ns() else { return Vec::new() };
@@ -194,7 +202,7 @@ impl Observer {
         let first_step = first_ns.div_euclid(PATH_STEP_NS) + i64::from(first_ns.rem_euclid(PATH_STEP_NS) > 0);
         let times = (first_step..=until_ns.div_euclid(PATH_STEP_NS)).map(|step| step * PATH_STEP_NS);
         let smooth = |time_ns: i64| {
-            sensor_at(&self.history, time_ns, &self.settings.head_from_sensor, time_ns.saturating_add(smooth_ns)).ok()
+            sensor_at(&self.history, time_ns, &self.assumed_mount, time_ns.saturating_add(smooth_ns)).ok()
         };
         let path = times.filter_map(smooth).collect();
         self.next_path_ns = Some(first_ns.max(until_ns.saturating_add(1)));

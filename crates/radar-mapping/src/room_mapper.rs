@@ -25,6 +25,7 @@ use std::collections::VecDeque;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::calibration_control::CalibrationChange;
 use super::classifier::ScoredCandidate;
 use super::{
     CleanSettings, CleanWindow, Detection, Evidence, HandTrail, HandsM, MovingTarget, MovingTargetTracker, MtiSettings,
@@ -173,8 +174,8 @@ struct WorkDone {
     blocks: u64,
     looks: u64,
     forgotten: u64,
-    /// All work before the last restart.
-    before_restart: RoomMapperCounters,
+    /// All work before the window was imaged again.
+    before: RoomMapperCounters,
 }
 
 impl RoomMapper {
@@ -204,23 +205,30 @@ impl RoomMapper {
         }
     }
 
-    /// Restarts from an empty map. Restored objects, the hands' positions, the sensor's background and the
-    /// sweeps of the window stay. `keep` may change or drop sweeps; the rest are processed again by
-    /// [`work`](Self::work), before any new ones.
-    pub fn restart(&mut self, mut keep: impl FnMut(&mut Observation) -> bool) {
-        let work_done = WorkDone { before_restart: self.counters(), ..WorkDone::default() };
+    /// Images the sweeps of the window again, because their poses had been wrong. `keep` changes or drops sweeps; the rest
+    /// are processed by [`work`](Self::work), before any new ones. Objects and walls stay where they are until they are
+    /// seen again, less certain than before.
+    pub(crate) fn image_again(
+        &mut self,
+        change: &CalibrationChange,
+        mut keep: impl FnMut(&mut Observation) -> bool,
+    ) {
         let mut backlog = self.intake.take_sweeps();
         backlog.retain_mut(|sweep| keep(sweep));
-        let (hands, background) = (std::mem::take(&mut self.hands), std::mem::take(&mut self.background));
-        let (points, walls) = (self.objects.take_restored(), self.walls.take_restored());
-        *self = Self { work_done, hands, background, ..Self::begin(self.config.clone(), backlog) };
-        self.objects.restore(&points, self.config.settings.tracks.match_m);
-        self.walls.restore(&walls, self.window.middle());
+        let before = std::mem::replace(self, Self::begin(self.config.clone(), backlog));
+        self.work_done.before = before.counters();
+        self.objects = before.objects;
+        self.objects.distrust(change);
+        self.walls = before.walls;
+        self.walls.distrust();
+        self.window = before.window.emptied();
+        (self.hands, self.background, self.mti) = (before.hands, before.background, before.mti);
+        self.updates.evidence_ns = before.updates.evidence_ns;
     }
 
     /// Work done so far.
     pub fn counters(&self) -> RoomMapperCounters {
-        let WorkDone { blocks, looks, forgotten, before_restart: before } = &self.work_done;
+        let WorkDone { blocks, looks, forgotten, before } = &self.work_done;
         let (voxel_updates, bricks) = self.imaging.work();
         RoomMapperCounters {
             blocks: before.blocks + blocks,
@@ -382,7 +390,10 @@ impl RoomMapper {
     fn image(&mut self, subaperture: Subaperture) -> bool {
         self.work_done.blocks += 1;
         self.imaging.add(&subaperture);
-        self.mti.push(subaperture.uncancelled(), &self.hands, self.config.settings.tracks.hands_reach_m);
+        // Those of a window that is imaged again were taken before.
+        if self.mti.newest_ns().is_none_or(|newest_ns| subaperture.mid_time_ns > newest_ns) {
+            self.mti.push(subaperture.uncancelled(), &self.hands, self.config.settings.tracks.hands_reach_m);
+        }
         let now_ns = subaperture.mid_time_ns;
         self.window.push(subaperture);
         let since_ns = now_ns - self.config.window_ns();
@@ -448,5 +459,74 @@ impl RoomMapper {
         let Self { config, window, intake, objects, imaging, .. } = self;
         Refinement { config, window, intake, walls, points }.update(objects, imaging);
         self.updates.evidence_ns = self.window.newest().map(|newest| newest.end_ns);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::test_data::{Echo, sweeps, winding};
+
+    const SHIFT_M: DVec3 = DVec3::new(0.05, 0.03, -0.04);
+
+    /// A mapper that has seen a point and a wall for 5 s from poses that are wrong by [`SHIFT_M`], and what else was there.
+    fn mapped_with_wrong_poses(point: DVec3) -> (RoomMapper, [(Echo, f64); 2]) {
+        let wall = Plane { outward: DVec3::NEG_Z, offset_m: 1.8 };
+        let echoes = [(Echo::Point(point), 8.0), (Echo::Plane(wall), 3.0)];
+        let mut mapper = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+        for mut sweep in sweeps(5.0, winding, &echoes, 3) {
+            sweep.tracking_from_sensor.translation += SHIFT_M;
+            mapper.push(sweep);
+        }
+        (mapper, echoes)
+    }
+
+    fn correct(mapper: &mut RoomMapper) {
+        let change = CalibrationChange { time_offset_s: 0.0, mount_m: SHIFT_M.length() };
+        mapper.image_again(&change, |sweep| {
+            sweep.tracking_from_sensor.translation -= SHIFT_M;
+            true
+        });
+    }
+
+    fn push(mapper: &mut RoomMapper, echoes: &[(Echo, f64)], from_s: i64, duration_s: f64) {
+        for mut sweep in sweeps(duration_s, winding, echoes, 4) {
+            sweep.mid_time_ns += from_s * 1_000_000_000;
+            mapper.push(sweep);
+        }
+    }
+
+    fn ids(mapper: &RoomMapper) -> [Vec<u64>; 2] {
+        [
+            mapper.obstacles().iter().map(|obstacle| obstacle.id).collect(),
+            mapper.walls().iter().map(|wall| wall.id).collect(),
+        ]
+    }
+
+    #[test]
+    fn the_room_stays_when_poses_are_corrected_and_moves_to_its_place() {
+        let at = DVec3::new(0.2, 0.1, -1.0);
+        let (mut mapper, echoes) = mapped_with_wrong_poses(at);
+        let before = (ids(&mapper), mapper.obstacles());
+        assert_eq!(before.0.each_ref().map(Vec::len), [1, 1], "{:?}", before.0);
+        assert!(before.1[0].position_m.distance(at + SHIFT_M) < 0.03, "{:?}", before.1[0].position_m);
+        correct(&mut mapper);
+        assert_eq!(ids(&mapper), before.0, "nothing is gone at once");
+        let doubt = |obstacle: &Obstacle| obstacle.covariance_m2.x_axis.x.sqrt();
+        assert!(doubt(&mapper.obstacles()[0]) > 0.03 && doubt(&before.1[0]) < 0.02, "it is less certain");
+        push(&mut mapper, &echoes, 5, 1.0);
+        assert_eq!(ids(&mapper), before.0, "nothing is there twice");
+        assert!(mapper.obstacles()[0].position_m.distance(at) < 0.02, "{:?}", mapper.obstacles()[0].position_m);
+        assert!((mapper.walls()[0].plane.offset_m - 1.8).abs() < 0.02, "{:?}", mapper.walls()[0].plane);
+        assert!(mapper.counters().blocks > 60, "work before counts");
+    }
+
+    #[test]
+    fn what_only_wrong_poses_showed_goes() {
+        let (mut mapper, echoes) = mapped_with_wrong_poses(DVec3::new(0.2, 0.1, -1.0));
+        correct(&mut mapper);
+        mapper.intake = SweepIntake::new(mapper.config.settings.subapertures, VecDeque::new());
+        push(&mut mapper, &echoes[1..], 5, 2.0);
+        assert_eq!(ids(&mapper).map(|ids| ids.len()), [0, 1]);
     }
 }

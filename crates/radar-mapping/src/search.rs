@@ -6,6 +6,7 @@ use radar_sar::Observation;
 use radar_sar::geometry::{Aabb, Pose};
 use serde::{Deserialize, Serialize};
 
+use super::calibration_control::CalibrationChange;
 use super::reflector_mapper::ReflectorMapper;
 use super::{
     Evidence, HandsSample, MappingSettings, Mode, RoomMapper, RoomMapperCounters, SavedMap, SavedMapError, Scene,
@@ -18,10 +19,6 @@ const SUBAPERTURES_FROM_SWEEPS_PER_S: f64 = 400.0;
 /// Default edge of the cube searched for single reflectors, metres. Choice: the presets measure up
 /// to 3.1 m ahead.
 pub const DEFAULT_CUBE_M: f64 = 3.0;
-/// Change of the time offset that invalidates the room mapper's sums, seconds. Measured: in
-/// simulated rooms at 90 % detection an offset of 3 ms adds no false objects, one of 10 ms adds
-/// eight a window.
-const MAX_HARMLESS_OFFSET_CHANGE_S: f64 = 4e-3;
 /// How long poses are kept for observations that are kept without limit, seconds. Choice: longer
 /// than any session; [`crate::Observer`] bounds the number of poses.
 const UNBOUNDED_RETENTION_S: f64 = 1e5;
@@ -182,22 +179,21 @@ impl Search {
         }
     }
 
-    /// Whether such a change of the time offset invalidates the room mapper's sums.
-    pub fn is_invalidated_by(&self, change_s: f64) -> bool {
-        matches!(self, Self::Rooms(_)) && change_s.abs() >= MAX_HARMLESS_OFFSET_CHANGE_S
-    }
-
-    /// Gives kept observations the poses of a new time offset with `repose`, which returns whether
-    /// there is one. The room mapper keeps sums, not sweeps: when the change invalidates them it
-    /// restarts with the sweeps of its window. Returns whether it did.
-    pub fn repose(&mut self, change_s: f64, repose: impl FnMut(&mut Observation) -> bool) -> bool {
-        let is_invalidated = self.is_invalidated_by(change_s);
+    /// Gives kept observations the poses of a changed calibration with `repose`, which returns whether there is one. The
+    /// room mapper keeps sums, not sweeps: unless the change is harmless it images the sweeps of its window again.
+    /// Returns whether it does.
+    pub fn repose(&mut self, change: &CalibrationChange, repose: impl FnMut(&mut Observation) -> bool) -> bool {
         match self {
-            Self::Rooms(rooms) if is_invalidated => rooms.restart(repose),
-            Self::Rooms(_) => {}
-            Self::Reflectors(reflectors) => reflectors.repose(repose),
+            Self::Rooms(_) if change.is_harmless() => false,
+            Self::Rooms(rooms) => {
+                rooms.image_again(change, repose);
+                true
+            }
+            Self::Reflectors(reflectors) => {
+                reflectors.repose(repose);
+                false
+            }
         }
-        is_invalidated
     }
 
     /// The obstacles, walls and moving targets found so far. For single reflectors this does the

@@ -63,6 +63,8 @@ pub struct TrackingSettings {
     pub estimate_time_offset: bool,
     /// An estimate is applied when its 1σ is at most this, seconds.
     pub max_time_offset_sigma_s: f64,
+    /// Whether the sensor's position on the head is estimated from the data, about the mount, and applied.
+    pub estimate_mount: bool,
     /// Pose of the sensor on the head; left out: that of the recording.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mount: Option<Pose>,
@@ -85,6 +87,7 @@ impl Default for TrackingSettings {
             time_offset_s: 0.0,
             estimate_time_offset: true,
             max_time_offset_sigma_s: 3e-3,
+            estimate_mount: true,
             mount: None,
             history: HistorySettings::default(),
             errors: PositionErrors::default(),

@@ -215,6 +215,13 @@ impl<T: Copy> TrackList<T> {
         Some(id)
     }
 
+    /// The estimates are wrong by an unknown amount: the next hit replaces each, and tracks that are not confirmed are
+    /// dropped.
+    pub fn distrust(&mut self) {
+        self.tracks.retain(|known| known.confirmed);
+        self.tracks.iter_mut().for_each(|known| known.quality = 0.0);
+    }
+
     /// Clears the provisional flag of tracks that exist with certainty.
     pub fn confirm_provisional(&mut self, is_surely_there: impl Fn(u64) -> bool) {
         self.tracks.iter_mut().for_each(|known| known.provisional &= !is_surely_there(known.id));

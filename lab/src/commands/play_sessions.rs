@@ -55,6 +55,9 @@ pub struct PlaySessions {
     /// Added to the reflection of the walls, dB
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     walls_db: f64,
+    /// How far the sensor is from where the program assumes it, in a random direction, mm
+    #[arg(long, default_value_t = 2.0)]
+    mount_mm: f64,
     /// Kind of room: points (scatterers and smooth walls), or with surfaces, multipath and shadows:
     /// office, dining, living
     #[arg(long, default_value = "points", value_parser = clap::builder::PossibleValuesParser::new(PlayWorld::NAMES))]
@@ -184,6 +187,7 @@ impl PlaySessions {
             trial.session.effects = self.effects;
             trial.session.world = world;
             trial.session.walls_db = self.walls_db;
+            trial.session.errors.mount_m = self.mount_mm * 1e-3;
             trial.session.hands = !self.lacks("hands");
             trial.session.hands_without_echo = self.lacks("hand-echoes");
             trial.session.visitor = !self.lacks("visitor");
@@ -222,7 +226,7 @@ impl PlaySessions {
         }
         if let Some(path) = &self.json {
             let rows = played.iter().map(|PlayOutcome { name, preset, headset, odds, figures }| {
-                json!({"name": name, "preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "without": self.without, "walls_db": self.walls_db,
+                json!({"name": name, "preset": preset, "confirm_log_odds": odds, "controllers": self.controllers, "without": self.without, "walls_db": self.walls_db, "mount_mm": self.mount_mm,
                     "headset": headset, "effects": self.effects, "world": self.world,
                     "spacing": self.spacing, "diffuse_db": self.diffuse_db, "sensor_recording": self.sensor_recording,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),

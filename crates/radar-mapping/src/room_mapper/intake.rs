@@ -17,7 +17,7 @@ pub(super) struct SweepIntake {
     sweeps: VecDeque<Observation>,
     /// Number of those taken since the last sub-aperture was completed.
     sweeps_since: usize,
-    /// Sweeps that are processed first after a restart.
+    /// Sweeps that are processed first, because they are imaged again.
     backlog: VecDeque<Observation>,
     /// Position of the sensor at the newest sweep.
     sensor_m: Option<DVec3>,
@@ -117,7 +117,7 @@ impl SweepIntake {
         self.sweeps.iter().take(self.sweeps.len() - self.sweeps_since.min(self.sweeps.len()))
     }
 
-    /// All sweeps kept, for a restart: those of the window, then those that wait.
+    /// All sweeps kept, to be imaged again: those of the window, then those that wait.
     pub fn take_sweeps(&mut self) -> VecDeque<Observation> {
         let mut sweeps = std::mem::take(&mut self.sweeps);
         sweeps.append(&mut self.backlog);

@@ -11,6 +11,7 @@ use radar_sar::subaperture::Subaperture;
 use super::imaging::Imaging;
 use super::shapes::{CELL_M, Shape, by_falling_score, cell_of, center_of};
 use super::window::Window;
+use crate::calibration_control::CalibrationChange;
 use crate::existence::{Existence, Likelihood};
 use crate::{
     Detection, ExistenceSettings, Observed, Obstacle, SavedMap, SavedPoint, Track, TrackList, TrackSettings, same_point,
@@ -26,6 +27,9 @@ const CLUSTER_M: f64 = 0.30;
 /// other as the head turns.
 pub(super) const LATERAL_M: f64 = 0.6;
 const RECENT_SUPPORT_NS: i64 = 1_000_000_000;
+
+/// A time offset that was wrong displaced what was seen by this speed times its error, m/s. Choice: a head that looks around.
+const TYPICAL_SPEED_M_PER_S: f64 = 0.5;
 
 /// The refined position of a track.
 #[derive(Debug, Clone)]
@@ -52,8 +56,6 @@ pub(super) struct ObjectMap {
     existences: BTreeMap<u64, Existence>,
     /// By track: its refined position and the quality that it was refined at.
     refined: BTreeMap<u64, (f64, RefinedPoint)>,
-    /// What was restored from a saved map.
-    restored: Vec<SavedPoint>,
 }
 
 /// The responses of sub-apertures that have a point in their beam.
@@ -178,7 +180,6 @@ impl ObjectMap {
             let (position_m, covariance_m2) = (point.position_m, point.covariance_m2);
             let shape = Shape { cells: point.shape.clone() };
             self.refined.insert(id, (0.0, RefinedPoint { position_m, covariance_m2, shape }));
-            self.restored.push(SavedPoint { id, ..point.clone() });
         }
     }
 
@@ -209,11 +210,15 @@ impl ObjectMap {
         points
     }
 
-    /// The restored objects that still exist, as they were, for a restart.
-    pub fn take_restored(&mut self) -> Vec<SavedPoint> {
-        let mut restored = std::mem::take(&mut self.restored);
-        restored.retain(|point| self.tracks.confirmed().any(|known| known.id == point.id));
-        restored
+    /// The poses that the objects were seen from had been wrong: the next hit moves an object, and misses remove it soon.
+    pub fn distrust(&mut self, change: &CalibrationChange) {
+        self.tracks.distrust();
+        self.existences.values_mut().for_each(Existence::distrust);
+        let off_m = change.mount_m + change.time_offset_s.abs() * TYPICAL_SPEED_M_PER_S;
+        for (quality, refined) in self.refined.values_mut() {
+            *quality = 0.0;
+            refined.covariance_m2 += DMat3::from_diagonal(DVec3::splat(off_m * off_m / 3.0));
+        }
     }
 }
 

@@ -65,8 +65,6 @@ pub(super) struct WallMap {
     feet: BTreeMap<u64, Aabb>,
     /// By wall: updates since its last detection in which it should have been seen.
     missed_updates: BTreeMap<u64, u32>,
-    /// What was restored from a saved map.
-    restored: Vec<SavedWall>,
 }
 
 impl WallMap {
@@ -163,7 +161,6 @@ impl WallMap {
             let times = [wall.first_ns, wall.last_ns];
             let Some(id) = self.tracks.restore(wall.id, wall.plane, wall.score, times, &is_same) else { continue };
             self.feet.insert(id, wall.seen_at);
-            self.restored.push(SavedWall { id, ..wall.clone() });
         }
     }
 
@@ -182,11 +179,10 @@ impl WallMap {
         walls
     }
 
-    /// The restored walls that still exist, as they were, for a restart.
-    pub fn take_restored(&mut self) -> Vec<SavedWall> {
-        let mut restored = std::mem::take(&mut self.restored);
-        restored.retain(|wall| self.tracks.confirmed().any(|known| known.id == wall.id));
-        restored
+    /// The poses that the walls were seen from had been wrong: the next hit moves a wall.
+    pub fn distrust(&mut self) {
+        self.tracks.distrust();
+        self.missed_updates.clear();
     }
 
     /// Whether a wall was seen near a foot. A wall of unknown extent counts anywhere, else it would

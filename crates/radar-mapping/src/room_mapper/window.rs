@@ -20,6 +20,11 @@ pub(super) struct Window {
 }
 
 impl Window {
+    /// An empty window of the same room.
+    pub fn emptied(self) -> Self {
+        Self { middle: self.middle, ..Self::default() }
+    }
+
     /// In rising time.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = &Subaperture> + ExactSizeIterator {
         self.subapertures.iter()

@@ -22,12 +22,11 @@ mod rates;
 use glam::DVec3;
 use serde::Serialize;
 
-use crate::MappingSettings;
+use crate::{MappingSettings, MountEstimate};
 use crate::{Event, Mapper, in_time_order};
 use crate::{Observer, ObserverSettings, SensorState};
 use a121::{Frame, SensorConfig};
 pub use lag_curve::{Lag, LagCurve};
-pub use mount::MountEstimate;
 use radar_sar::Observation;
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;

@@ -1,56 +1,14 @@
 //! The sensor's position on the head, from a whole recording.
 
-use glam::{DMat3, DVec3};
 use radar_sar::geometry::Pose;
 use radar_sar::{CalibrationSettings, SelfCalibration};
-use serde::Serialize;
 
 use super::JoinedStreams;
-use crate::MappingSettings;
+use crate::{MappingSettings, MountEstimate};
 
 /// Interval of intermediate estimates, nanoseconds. Choice: half of the estimator's memory of single tracks, so that it
 /// sums up older ones in time.
 const INTERVAL_NS: i64 = 10_000_000_000;
-/// An axis counts as observed up to this 1σ, metres. Choice: a sensor that is 1 cm off displaces a near object by as
-/// much when the head turns; measuring by eye is no better.
-const OBSERVED_M: f64 = 10e-3;
-/// The assumed position is contradicted from this many 1σ and from this many metres on. Choice: 4σ, because jumps of
-/// the tracking leave errors larger than a Gaussian's; a ruler is no better than 5 mm.
-const SIGNIFICANT: f64 = 4.0;
-const MIN_CONTRADICTION_M: f64 = 5e-3;
-
-/// Where the sensor is on the head.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct MountEstimate {
-    /// Position of the sensor's phase centre in the head's frame, metres.
-    pub position_m: DVec3,
-    /// Covariance of that, m². An axis that the motion did not make observable has its prior variance.
-    pub covariance_m2: DMat3,
-    /// The assumed `head_from_sensor`: of the settings, else of the recording.
-    pub assumed: Pose,
-    /// Whether the motion made it observable along the head's x, y and z axes.
-    pub observed: [bool; 3],
-}
-
-impl MountEstimate {
-    /// 1σ along the head's axes, metres.
-    pub fn sigma_m(&self) -> DVec3 {
-        let [x, y, z] = self.covariance_m2.to_cols_array_2d();
-        DVec3::new(x[0], y[1], z[2]).map(f64::sqrt)
-    }
-
-    /// By how much the position differs from the assumed one, metres.
-    pub fn shift_m(&self) -> DVec3 {
-        self.position_m - self.assumed.translation
-    }
-
-    /// The axes in which it contradicts the assumed position.
-    pub fn contradicts(&self) -> [bool; 3] {
-        let (shift_m, sigma_m) = (self.shift_m().to_array(), self.sigma_m().to_array());
-        let bound_m = |k: usize| (SIGNIFICANT * sigma_m[k]).max(MIN_CONTRADICTION_M);
-        std::array::from_fn(|k| self.observed[k] && shift_m[k].abs() > bound_m(k))
-    }
-}
 
 /// Estimates it; `middle_s` is the middle of the search for the time offset. `None` without usable echoes.
 pub(super) fn mount(
@@ -75,11 +33,5 @@ pub(super) fn mount(
     path.for_each(|at| estimator.push_path(at.time_ns, &at.tracking_from_sensor, at.velocity_m_per_s));
     let found = estimator.estimate()?;
     let assumed = settings.tracking.mount.unwrap_or(*head_from_sensor);
-    let head_from_axes = DMat3::from_quat(assumed.rotation);
-    let shift_m = head_from_axes * found.mount_shift_m;
-    let covariance_m2 = head_from_axes * found.mount_covariance_m2 * head_from_axes.transpose();
-    let position_m = assumed.translation + shift_m;
-    let estimate = MountEstimate { position_m, covariance_m2, assumed, observed: [false; 3] };
-    let observed = estimate.sigma_m().to_array().map(|sigma_m| sigma_m <= OBSERVED_M);
-    Some(MountEstimate { observed, ..estimate })
+    Some(MountEstimate::new(&assumed, &found))
 }

@@ -57,7 +57,7 @@ const DRIFT_PRIOR_FREEDOM: f64 = 20.0;
 /// Choice: keeps a few odd tracks from running away with it.
 const MAX_DRIFT_CHANGE: f64 = 4.0;
 const DRIFT_SCALE_BOUNDS: (f64, f64) = (0.04, 64.0);
-/// With more drift than this, metres, the covariance grows with its square. Measured (`lab --example mount`): tracking that
+/// With more drift than this, metres, the tracks' variance grows with its square. Measured (`lab --example mount`): tracking that
 /// wanders by 5 mm jumps, has late stamps and a bent frame as well, and the errors are twice what the scatter of the
 /// tracks shows; up to here they agree.
 const TRUSTED_DRIFT_M: f64 = 2.5e-3;
@@ -280,7 +280,7 @@ impl SelfCalibration {
             self.refit(tracks, &point);
             // A large drift explains any offset: starts are compared without it.
             let change = if rounds == Rounds::Start { 1.0 } else { drift_change(tracks, point.drift_scale) };
-            let terms: Vec<TrackTerm> = tracks.iter().filter_map(|track| track.term_at(&point.at)).collect();
+            let terms = self.terms(tracks.iter(), &point);
             let combination = if terms.is_empty() { None } else { combine(&terms, &self.prior_at(&point.at)) }?;
             let is_small = |k: usize| combination.step[k].abs() <= SMALL_STEP * combination.covariance[k][k].sqrt();
             let is_done = (0..CORRECTIONS).all(is_small) && (1.0 / REFIT_DRIFT..REFIT_DRIFT).contains(&change);
@@ -297,6 +297,12 @@ impl SelfCalibration {
             }
         }
         found.map(|found| (point, found))
+    }
+
+    /// What the tracks say at a point.
+    fn terms<'t>(&self, tracks: impl Iterator<Item = &'t FittedTrack>, point: &Point) -> Vec<TrackTerm> {
+        let unmodelled = (drift_m(point, &self.settings.errors) / TRUSTED_DRIFT_M).max(1.0).powi(2);
+        tracks.filter_map(|track| track.term_at(&point.at, unmodelled)).collect()
     }
 
     /// Fits the tracks that were fitted too far from a point.
@@ -339,9 +345,9 @@ impl SelfCalibration {
         }
         let since_ns = end_ns.saturating_sub(MEMORY_NS);
         let count = self.fitted.iter().take_while(|track| track.fit.last_ns < since_ns).count();
-        let old = self.fitted.drain(..count).filter_map(|track| track.term_at(&point.at));
+        let old: Vec<FittedTrack> = self.fitted.drain(..count).collect();
         let mut old_sum = Quadratic::default();
-        for (term, weight) in old.zip(&combination.weights) {
+        for (term, weight) in self.terms(old.iter(), point).iter().zip(&combination.weights) {
             old_sum.add(&term.quadratic, weight / combination.disagreement);
         }
         let step = std::array::from_fn(|k| point.at[k] - self.known_at[k]);
@@ -361,9 +367,10 @@ impl SelfCalibration {
 }
 
 impl FittedTrack {
-    fn term_at(&self, at: &Corrections) -> Option<TrackTerm> {
+    fn term_at(&self, at: &Corrections, unmodelled: f64) -> Option<TrackTerm> {
         let Information { quadratic, variance_factor, middle_ns, .. } = self.information?;
         let step = std::array::from_fn(|k| at[k] - self.at[k]);
+        let variance_factor = variance_factor * unmodelled;
         Some(TrackTerm { quadratic: quadratic.after(&step), variance_factor, middle_ns })
     }
 }
@@ -400,10 +407,13 @@ fn drift_change(tracks: &[FittedTrack], scale: f64) -> f64 {
     change.clamp(1.0 / MAX_DRIFT_CHANGE, MAX_DRIFT_CHANGE)
 }
 
+/// Slow tracking error in each axis, rms, metres.
+fn drift_m(point: &Point, errors: &PositionErrors) -> f64 {
+    (point.drift_scale * errors.slow_variance_m2()).sqrt()
+}
+
 fn calibration(point: &Point, combination: &Combination, errors: &PositionErrors) -> Calibration {
-    let drift_m = (point.drift_scale * errors.slow_variance_m2()).sqrt();
-    let unmodelled = (drift_m / TRUSTED_DRIFT_M).max(1.0).powi(2);
-    let covariance: Matrix = combination.covariance.map(|row| row.map(|value| value * unmodelled));
+    let covariance: &Matrix = &combination.covariance;
     let sigma_s = covariance[OFFSET][OFFSET].sqrt();
     let column = |k: usize| DVec3::from_array(std::array::from_fn(|row| covariance[SHIFT + row][SHIFT + k]));
     Calibration {
@@ -418,7 +428,7 @@ fn calibration(point: &Point, combination: &Combination, errors: &PositionErrors
         mount_covariance_m2: DMat3::from_cols(column(0), column(1), column(2)),
         range_bias_m: point.at[BIAS],
         range_bias_sigma_m: covariance[BIAS][BIAS].sqrt(),
-        drift_m,
+        drift_m: drift_m(point, errors),
     }
 }
 

@@ -1,0 +1,152 @@
+//! When an estimate of the mount is applied.
+
+use glam::DVec3;
+use radar_sar::Calibration;
+use radar_sar::geometry::Pose;
+
+use super::{MountCounters, MountEstimate};
+
+/// An axis is corrected once its 1σ is at most this, metres. Choice: what measuring by eye leaves.
+const MAX_SIGMA_M: f64 = 10e-3;
+/// The mount is changed when an axis is wrong by this much, metres, and by this many 1σ. Choice: 5 mm blur no image and
+/// misplace nothing by more, and each change images the last seconds again; 4σ, because jumps of the tracking leave errors
+/// larger than a Gaussian's.
+const MIN_CHANGE_M: f64 = 5e-3;
+const SIGNIFICANT: f64 = 4.0;
+/// An axis that differs by this many 1σ hints at a change. Choice: one of twenty honest estimates does.
+const HINT: f64 = 2.0;
+/// Least time between two changes, nanoseconds. Choice: the window that is imaged again, and a little more.
+const PAUSE_NS: i64 = 5_000_000_000;
+
+/// The mount in use, and its last estimate.
+#[derive(Debug)]
+pub(crate) struct MountControl {
+    assumed: Pose,
+    /// Whether estimates are applied.
+    is_applied: bool,
+    /// Shift of the mount in use against the assumed one, in the sensor's axes, metres.
+    shift_m: DVec3,
+    estimate: Option<MountEstimate>,
+    next_change_ns: Option<i64>,
+    counters: MountCounters,
+}
+
+impl MountControl {
+    pub fn new(head_from_sensor: &Pose, is_applied: bool) -> Self {
+        Self {
+            assumed: *head_from_sensor,
+            is_applied,
+            shift_m: DVec3::ZERO,
+            estimate: None,
+            next_change_ns: None,
+            counters: MountCounters::default(),
+        }
+    }
+
+    /// The mount in use, `head_from_sensor`.
+    pub fn in_use(&self) -> Pose {
+        self.assumed * Pose::from_translation(self.shift_m)
+    }
+
+    /// The last estimate, applied or not.
+    pub fn estimate(&self) -> Option<MountEstimate> {
+        self.estimate
+    }
+
+    pub fn counters(&self) -> MountCounters {
+        self.counters
+    }
+
+    /// Takes an estimate. Returns the distance that the sensor moves, metres, when the mount in use changes.
+    pub fn update(&mut self, now_ns: i64, found: &Calibration) -> Option<f64> {
+        self.estimate = Some(MountEstimate::new(&self.assumed, found));
+        // Backward times must not lengthen the pause.
+        self.next_change_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > PAUSE_NS);
+        if !self.is_applied || self.next_change_ns.is_some_and(|next_ns| now_ns < next_ns) {
+            return None;
+        }
+        let wanted_m = self.wanted_m(found);
+        let is_wrong = |axis: usize| {
+            let bound_m = MIN_CHANGE_M.max(SIGNIFICANT * sigma_m(found, axis));
+            (wanted_m[axis] - self.shift_m[axis]).abs() > bound_m
+        };
+        (0..3).any(is_wrong).then(|| {
+            let moved_m = wanted_m.distance(self.shift_m);
+            self.shift_m = wanted_m;
+            self.next_change_ns = Some(now_ns.saturating_add(PAUSE_NS));
+            self.counters.changes += 1;
+            moved_m
+        })
+    }
+
+    /// The shift in use with the estimate's in the axes that are known.
+    fn wanted_m(&self, found: &Calibration) -> DVec3 {
+        let mut wanted_m = self.shift_m;
+        for axis in (0..3).filter(|&axis| sigma_m(found, axis) <= MAX_SIGMA_M) {
+            wanted_m[axis] = found.mount_shift_m[axis];
+        }
+        wanted_m
+    }
+
+    /// Whether no axis of an estimate hints at a change that more data would make certain.
+    pub fn is_settled(&self, found: &Calibration) -> bool {
+        let off_m = found.mount_shift_m - self.shift_m;
+        !self.is_applied || (0..3).all(|axis| off_m[axis].abs() <= MIN_CHANGE_M.max(HINT * sigma_m(found, axis)))
+    }
+}
+
+/// 1σ along an axis of the sensor, metres.
+fn sigma_m(found: &Calibration, axis: usize) -> f64 {
+    found.mount_covariance_m2.col(axis)[axis].sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DQuat};
+    use radar_sar::TimeOffset;
+
+    const S: i64 = 1_000_000_000;
+
+    fn found(shift_m: DVec3, sigma_m: DVec3) -> Calibration {
+        let time_offset = TimeOffset { offset_s: 0.0, sigma_s: 1e-3, observable: true, tracks: 9, tracks_left_out: 0 };
+        Calibration {
+            time_offset,
+            mount_shift_m: shift_m,
+            mount_covariance_m2: DMat3::from_diagonal(sigma_m * sigma_m),
+            range_bias_m: 0.0,
+            range_bias_sigma_m: 3e-3,
+            drift_m: 1e-3,
+        }
+    }
+
+    #[test]
+    fn known_axes_are_corrected_in_the_heads_frame_and_others_left() {
+        let assumed = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
+        let mut mount = MountControl::new(&assumed, true);
+        let moved_m = mount.update(0, &found(DVec3::new(0.03, 0.02, -0.04), DVec3::new(2e-3, 20e-3, 6e-3)));
+        assert!((moved_m.unwrap() - 0.05).abs() < 1e-12, "{moved_m:?}");
+        // The sensor's x axis is the head's −z axis, its z axis the head's x axis.
+        let expected_m = assumed.translation + DVec3::new(-0.04, 0.0, -0.03);
+        assert!(mount.in_use().translation.distance(expected_m) < 1e-12, "{:?}", mount.in_use());
+        assert_eq!(mount.in_use().rotation, assumed.rotation);
+        assert_eq!(mount.estimate().unwrap().observed, [true, false, true]);
+    }
+
+    #[test]
+    fn small_uncertain_and_frequent_changes_are_not_made() {
+        let mut mount = MountControl::new(&Pose::IDENTITY, true);
+        let sharp = DVec3::splat(1e-3);
+        assert_eq!(mount.update(0, &found(DVec3::splat(4e-3), sharp)), None, "small");
+        assert_eq!(mount.update(S, &found(DVec3::splat(15e-3), DVec3::splat(4e-3))), None, "uncertain");
+        assert!(mount.update(2 * S, &found(DVec3::X * 20e-3, sharp)).is_some());
+        assert_eq!(mount.update(3 * S, &found(DVec3::X * 30e-3, sharp)), None, "so soon");
+        assert!(mount.update(8 * S, &found(DVec3::X * 30e-3, sharp)).is_some());
+        assert_eq!(mount.counters().changes, 2);
+        assert!(mount.is_settled(&found(DVec3::new(32e-3, 9e-3, 0.0), DVec3::splat(5e-3))));
+        assert!(!mount.is_settled(&found(DVec3::new(32e-3, 11e-3, 0.0), DVec3::splat(5e-3))), "it may be wrong");
+        let mut fixed = MountControl::new(&Pose::IDENTITY, false);
+        assert_eq!(fixed.update(0, &found(DVec3::X * 50e-3, sharp)), None);
+        assert!(fixed.estimate().unwrap().contradicts()[0] && fixed.in_use() == Pose::IDENTITY);
+    }
+}
