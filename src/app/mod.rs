@@ -13,6 +13,7 @@ mod host_clock;
 mod instance;
 mod latency;
 mod latency_tracker;
+mod mount_memory;
 mod pose_tail;
 mod priority;
 pub mod progress;
@@ -43,6 +44,7 @@ pub use headset::{
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
+pub use mount_memory::known_mounts;
 pub use pose_tail::{PoseTail, PoseTailCounters};
 pub use priority::lower_priority_of_this_thread;
 pub use queue::{Dropped, Received};

@@ -12,11 +12,12 @@ use anyhow::{Context, Result};
 
 use super::frame_intake::{ChosenSensor, FrameIntake, Until};
 use super::headset::{FrameReport, HeadsetStatus};
+use super::mount_memory::MountMemory;
 use super::record_file::{PoseSource, RecordFile};
 use super::{FrameLossCounter, Reconstruction, ReconstructionOptions, SensorCount};
 use crate::settings::Settings;
 use a121::{Frame, frame_timing};
-use radar_mapping::Event;
+use radar_mapping::{Event, MountInUse};
 use radar_recording::Header;
 use radar_sar::PoseSample;
 
@@ -48,6 +49,9 @@ pub struct SensorSupervisor {
     pub status: Mutex<HeadsetStatus>,
     /// Channel of poses for the recording.
     recorded_poses: Option<SyncSender<Event>>,
+    mount_memory: Option<MountMemory>,
+    /// The mount that was kept last.
+    kept_mount: Mutex<Option<MountInUse>>,
 }
 
 /// Finds the sensor, or states what is missing.
@@ -58,12 +62,13 @@ pub struct SupervisorPlan {
     choose_sensor: ChooseSensor,
     record: Option<PathBuf>,
     poses: Option<Receiver<Event>>,
+    mount_memory: Option<MountMemory>,
 }
 
 impl SupervisorPlan {
     /// `record`: file that frames and poses are recorded into.
-    pub fn new(choose_sensor: ChooseSensor, record: Option<PathBuf>) -> Self {
-        Self { choose_sensor, record, poses: None }
+    pub fn new(choose_sensor: ChooseSensor, record: Option<PathBuf>, mount_memory: Option<MountMemory>) -> Self {
+        Self { choose_sensor, record, poses: None, mount_memory }
     }
 }
 
@@ -91,6 +96,8 @@ impl SensorSupervisor {
             stop: AtomicBool::new(false),
             status: Mutex::default(),
             recorded_poses,
+            mount_memory: plan.mount_memory.take(),
+            kept_mount: Mutex::default(),
         });
         let (over, is_over) = mpsc::sync_channel(1);
         let own = Arc::clone(&supervisor);
@@ -110,6 +117,21 @@ impl SensorSupervisor {
         *held = settings.clone();
         if let Some(reconstruction) = self.reconstruction() {
             reconstruction.restart_with(settings);
+        }
+    }
+
+    /// Keeps the mount in use for the next session with this headset, if it has changed. Accesses a file.
+    pub fn keep_mount(&self) {
+        let newest = self.reconstruction().and_then(|reconstruction| reconstruction.latest().mount);
+        let (Some(memory), Some(mount)) = (&self.mount_memory, newest.filter(|mount| mount.estimate.is_some())) else {
+            return;
+        };
+        let mut kept = self.kept_mount.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.is_none_or(|kept| kept.in_use != mount.in_use) {
+            *kept = Some(mount);
+            if let Err(error) = memory.keep(&mount) {
+                log::warn!("the sensor's place on the headset is not kept: {error:#}");
+            }
         }
     }
 
@@ -197,7 +219,9 @@ impl SensorSupervisor {
         let settings = self.settings.lock().unwrap_or_else(PoisonError::into_inner);
         let threads = Some(settings.headset.threads).filter(|threads| *threads > 0);
         let options = ReconstructionOptions { threads, ..Default::default() };
-        let reconstruction = Reconstruction::start(sensor.config()?, &sensor.mount(), &settings, &options)?;
+        let known_mount = self.mount_memory.as_ref().and_then(MountMemory::recall);
+        let reconstruction =
+            Reconstruction::start(sensor.config()?, &sensor.mount(), known_mount, &settings, &options)?;
         let _ = self.sensor.set(Header::new(sensor.place(), sensor.config()?.clone(), sensor.mount()));
         let period_s = frame_timing(sensor.config()?).frame_period_s;
         self.sensor_period_ns.store((period_s * 1e9) as i64, Ordering::Relaxed);

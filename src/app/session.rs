@@ -12,6 +12,7 @@ use radar_recording::MapFolder;
 
 use super::folders::user_folder;
 use super::instance::Instance;
+use super::mount_memory::MountMemory;
 use super::registration::check_registration;
 use super::sensor_supervisor::{ChooseSensor, SensorSupervisor, SupervisorPlan};
 use super::session_report::{SessionReport, print_report};
@@ -125,13 +126,15 @@ impl SessionOptions {
         let compose = |text: &str, changes: &[String]| compose(&runtime.chaperone(), text, changes);
         let (store, work) =
             SettingsStore::new(self.settings_file.clone(), &self.overrides, &compose).map_err(|why| anyhow!(why))?;
-        if store.newest().tracking.mount.is_none() {
+        let memory = MountMemory::new(&runtime.headset_name());
+        let tracking = &store.newest().tracking;
+        if tracking.mount.is_none() && !tracking.estimate_mount {
             log::warn!(
-                "no mount is given: the sensor is assumed at the head's origin, between the eyes, and obstacles are displaced by any \
-                 difference. Give --mount x,y,z, or tracking.mount in the settings"
+                "no mount is given and none is estimated: the sensor is assumed at the middle of the headset's front, and obstacles \
+                 are displaced by any difference. Give --mount x,y,z, or set tracking.estimate_mount = true"
             );
         }
-        let plan = SupervisorPlan::new(Arc::clone(&self.choose_sensor), self.record.clone());
+        let plan = SupervisorPlan::new(Arc::clone(&self.choose_sensor), self.record.clone(), memory);
         let (supervisor, is_over) = SensorSupervisor::start(plan, &store.newest())?;
         let on_new = |before: &Settings, new: &Settings| apply_settings(&supervisor, before, new);
         let no_more = AtomicBool::new(false);

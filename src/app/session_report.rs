@@ -5,6 +5,8 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
+use radar_mapping::MountInUse;
+
 use super::{Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters};
 
 /// Results of a session.
@@ -15,6 +17,7 @@ pub struct SessionReport {
     obstacles: usize,
     time_offset_s: f64,
     time_offset_sigma_s: Option<f64>,
+    mount: Option<MountInUse>,
 }
 
 impl SessionReport {
@@ -26,7 +29,8 @@ impl SessionReport {
             reconstruction: reconstruction.map(Reconstruction::counters),
             obstacles: newest.as_ref().map_or(0, |newest| newest.scene.obstacles.len()),
             time_offset_s: newest.as_ref().map_or(0.0, |newest| newest.time_offset_s),
-            time_offset_sigma_s: newest.and_then(|newest| newest.time_offset_sigma_s),
+            time_offset_sigma_s: newest.as_ref().and_then(|newest| newest.time_offset_sigma_s),
+            mount: newest.and_then(|newest| newest.mount),
         }
     }
 
@@ -65,6 +69,7 @@ impl SessionReport {
             "obstacles": self.obstacles,
             "time_offset_s": self.time_offset_s,
             "time_offset_sigma_s": self.time_offset_sigma_s,
+            "mount": self.mount,
             "reconstruction": reconstruction,
         });
         std::fs::write(path, format!("{report:#}\n")).with_context(|| format!("cannot write {}", path.display()))
@@ -108,6 +113,11 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
     }
     if let Some(sigma_s) = report.time_offset_sigma_s {
         outln!("Time      offset {:.1} ± {:.1} ms in use", ms(report.time_offset_s), ms(sigma_s))?;
+    }
+    if let Some(mount) = report.mount.filter(|mount| mount.correction_m() > 0.0) {
+        let [x, y, z] = mount.in_use.translation.to_array();
+        let correction_mm = mount.correction_m() * 1e3;
+        outln!("Mount     sensor at ({x:.3}, {y:.3}, {z:.3}) m on the head, corrected by {correction_mm:.0} mm")?;
     }
     outln!(
         "Overlays  {pictures} pictures handed over; recentred {recentred} times, map reset {map_resets}, graphics device \

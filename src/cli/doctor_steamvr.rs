@@ -4,7 +4,7 @@
 use anyhow::Result;
 
 use super::findings::Findings;
-use crate::app::registration_trouble;
+use crate::app::{known_mounts, registration_trouble};
 use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Universe};
 
 /// Checks SteamVR. A computer without SteamVR has nothing to fix: it records and replays.
@@ -51,6 +51,7 @@ fn check_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
     findings.ok("Running", &format!("SteamVR {}", runtime.version()))?;
     let timing = runtime.display_timing();
     findings.ok("Headset", &format!("{}, {:.0} frames a second", runtime.headset_name(), timing.frame_hz))?;
+    check_mount(findings, &runtime.headset_name())?;
     let poses = runtime.poses(Universe::Standing, 0.0, runtime.hands());
     match poses.head.valid_pose() {
         Some(head) => {
@@ -66,6 +67,25 @@ fn check_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
     match runtime.open_device() {
         Ok(device) => findings.ok("Graphics", &format!("{}, as SteamVR wants it", device.name)),
         Err(error) => findings.fix("Graphics", &error.to_string()),
+    }
+}
+
+/// Where the last session found the sensor on this headset.
+fn check_mount(findings: &Findings, headset: &str) -> Result<()> {
+    let known = match known_mounts() {
+        Ok(mut known) => known.remove(headset),
+        Err(error) => return findings.warn("Mount", &format!("{error:#}: the next session writes it anew")),
+    };
+    let Some(mount) = known else {
+        return findings
+            .ok("Mount", "not known from a session yet: `run` finds where the sensor is as you look around");
+    };
+    let [x, y, z] = mount.in_use.translation.to_array();
+    let correction_mm = mount.correction_m() * 1e3;
+    let place = format!("sensor at ({x:.3}, {y:.3}, {z:.3}) m on the head, {correction_mm:.0} mm from where it is set");
+    match mount.is_contradicted() {
+        false => findings.ok("Mount", &place),
+        true => findings.warn("Mount", &format!("{place}, which the data contradict: `calibrate` shows more")),
     }
 }
 

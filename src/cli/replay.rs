@@ -11,15 +11,16 @@ use super::results::Results;
 use super::view::{ReplayEnd, ViewArguments};
 use crate::app::progress;
 use crate::report::{
-    CloudPoint, Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_cloud,
+    CalibrationReport, CloudPoint, Figure, Limits, Report, RoomMap, Section, Table, room_map, score, write_cloud,
     write_obstacles_json, write_ply,
 };
 use crate::settings::Settings;
 use crate::viewer::Recorder;
 use radar_mapping::Event;
 use radar_mapping::Mapper;
-use radar_mapping::{Observed, Scene};
+use radar_mapping::{MountInUse, Observed, Scene};
 use radar_recording::{MapFile, Recording, RecordingSummary, SparsePoses};
+use radar_sar::geometry::Pose;
 
 /// Runs the mapper over a recording and writes what it finds
 ///
@@ -218,10 +219,11 @@ pub(super) fn sensor_path(mapper: &Mapper) -> Vec<glam::DVec3> {
 pub(super) fn write_obstacles(path: &Path, scene: &Scene, mapper: &Mapper) -> Result<()> {
     let counters = serde_json::to_value(mapper.counters())?;
     let estimate = mapper.time_offset_estimate();
-    let offset = StreamOffset {
+    let offset = CalibrationReport {
         offset_s: mapper.time_offset_s(),
         sigma_s: estimate.map(|e| e.sigma_s),
         observable: estimate.is_some_and(|e| e.observable),
+        mount: Some(mapper.mount()),
     };
     Ok(write_obstacles_json(path, scene, &counters, &offset)?)
 }
@@ -292,7 +294,27 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper, sparse: Option<&Sparse
         );
     }
     let _ = writeln!(text, "{}", time_offset(mapper));
+    if let Some(correction) = mount(&mapper.mount()) {
+        let _ = writeln!(text, "{correction}");
+    }
     text
+}
+
+/// What the data say against the assumed mount; `None` when they say nothing against it.
+fn mount(mount: &MountInUse) -> Option<String> {
+    let at =
+        |pose: &Pose| format!("({:.3}, {:.3}, {:.3}) m", pose.translation.x, pose.translation.y, pose.translation.z);
+    let (assumed, correction_mm) = (at(&mount.assumed), mount.correction_m() * 1e3);
+    match (mount.correction_m() > 0.0, mount.is_contradicted()) {
+        (true, _) => Some(format!(
+            "mount {} on the head, corrected by {correction_mm:.0} mm: it is set to {assumed}; `calibrate` shows more",
+            at(&mount.in_use)
+        )),
+        (false, true) => {
+            Some(format!("the data contradict the mount {assumed}: `calibrate` shows where the sensor is"))
+        }
+        (false, false) => None,
+    }
 }
 
 /// The time offset between the streams, in use and as estimated.

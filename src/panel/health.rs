@@ -35,6 +35,23 @@ pub enum SensorHealth {
     },
 }
 
+/// What is known of the sensor's place on the headset.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum MountHealth {
+    /// The motion so far does not show it.
+    #[default]
+    Unknown,
+    /// The data agree with the setting.
+    AsSet,
+    /// The data gave another place, which is in use.
+    Corrected {
+        /// Distance from the setting, metres.
+        by_m: f64,
+    },
+    /// The data give another place, which is not used.
+    Contradicted,
+}
+
 /// State of the whole system.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Health {
@@ -48,6 +65,8 @@ pub struct Health {
     pub time_offset_s: f64,
     /// 1σ of `time_offset_s`, seconds, if it was estimated from the data.
     pub time_offset_sigma_s: Option<f64>,
+    /// The sensor's place on the headset.
+    pub mount: MountHealth,
     /// Age of the newest processed sweep, seconds; `None` before the first.
     pub age_s: Option<f64>,
     /// Whether the reconstruction is running.
@@ -91,7 +110,7 @@ pub(super) struct StatusCard {
 }
 
 impl Health {
-    /// Cards for sensor, headset, timing, room.
+    /// Cards for sensor, headset, calibration, room.
     pub(super) fn status_cards(&self) -> [StatusCard; 4] {
         [self.sensor(), self.headset(), self.timing(), self.room()]
     }
@@ -146,10 +165,15 @@ impl Health {
     fn timing(&self) -> StatusCard {
         let offset_ms = self.time_offset_s * 1e3;
         let (state, headline, more) = match self.time_offset_sigma_s {
+            Some(sigma_s) if sigma_s <= GOOD_OFFSET_SIGMA_S && self.mount == MountHealth::Contradicted => (
+                State::Fair,
+                "The sensor is not where it is set".into(),
+                "Run `radar-chaperone calibrate`, or set tracking.estimate_mount = true.".into(),
+            ),
             Some(sigma_s) if sigma_s <= GOOD_OFFSET_SIGMA_S => (
                 State::Good,
                 "Radar and headset agree".into(),
-                format!("offset {offset_ms:+.1} ms, known to ±{:.1} ms", sigma_s * 1e3),
+                format!("offset {offset_ms:+.1} ± {:.1} ms; {}", sigma_s * 1e3, self.mount.text()),
             ),
             Some(sigma_s) => (
                 State::Fair,
@@ -160,7 +184,7 @@ impl Health {
                 (State::Fair, "Timing is not known yet".into(), "Move your head to and fro for some seconds.".into())
             }
         };
-        StatusCard { title: "Timing", state, headline, detail: more }
+        StatusCard { title: "Calibration", state, headline, detail: more }
     }
 
     fn room(&self) -> StatusCard {
@@ -185,6 +209,17 @@ impl Health {
             Some(age_s) => (State::Good, found(), age_text(age_s)),
         };
         StatusCard { title: "Room", state, headline, detail: more }
+    }
+}
+
+impl MountHealth {
+    fn text(self) -> String {
+        match self {
+            Self::Unknown => "turn and nod your head to locate the sensor".into(),
+            Self::AsSet => "the sensor is where it is set".into(),
+            Self::Corrected { by_m } => format!("the sensor is {:.0} mm from where it is set", by_m * 1e3),
+            Self::Contradicted => String::new(),
+        }
     }
 }
 
@@ -241,6 +276,7 @@ mod tests {
             poses_per_s: 250.0,
             time_offset_s: 0.0021,
             time_offset_sigma_s: Some(0.0004),
+            mount: MountHealth::Corrected { by_m: 0.042 },
             age_s: Some(0.05),
             is_running: true,
             obstacles: 5,
@@ -260,7 +296,7 @@ mod tests {
         let [sensor, headset, timing, room] = well().status_cards();
         assert_eq!(sensor.detail, "1056 sweeps a second, 0.0 % lost");
         assert_eq!(headset.detail, "250 poses a second");
-        assert_eq!(timing.detail, "offset +2.1 ms, known to ±0.4 ms");
+        assert_eq!(timing.detail, "offset +2.1 ± 0.4 ms; the sensor is 42 mm from where it is set");
         assert_eq!(room.headline, "5 obstacles and 1 wall");
     }
 
@@ -274,6 +310,7 @@ mod tests {
             (Health { is_tracked: false, ..well() }, 1, State::Bad, "see"),
             (Health { time_offset_sigma_s: None, ..well() }, 2, State::Fair, "to and fro"),
             (Health { time_offset_sigma_s: Some(0.01), ..well() }, 2, State::Fair, "to and fro"),
+            (Health { mount: MountHealth::Contradicted, ..well() }, 2, State::Fair, "calibrate"),
             (Health { age_s: None, ..well() }, 3, State::Fair, "first sweeps"),
             (Health { age_s: Some(4.0), ..well() }, 3, State::Bad, "4 s ago"),
             (Health { is_running: false, ..well() }, 3, State::Bad, "Restart"),

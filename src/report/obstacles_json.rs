@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::Value;
 use serde_json::ser::Formatter;
 
-use radar_mapping::{MovingTarget, Observed, Obstacle, Scene, Wall};
+use radar_mapping::{MountInUse, MovingTarget, Observed, Obstacle, Scene, Wall};
 
 use super::{ReportError, write_atomically};
 
@@ -24,17 +24,30 @@ struct File<'a> {
     time_offset_s: f64,
     time_offset_sigma_s: Option<f64>,
     time_offset_observable: bool,
+    mount: Option<MountEntry>,
 }
 
-/// The time offset between the streams, as written to the file.
+/// Position of the sensor on the head: assumed, in use, and as estimated with its 1σ, axis by axis.
+#[derive(Serialize)]
+struct MountEntry {
+    assumed_m: [f64; 3],
+    in_use_m: [f64; 3],
+    estimate_m: Option<[f64; 3]>,
+    estimate_sigma_m: Option<[f64; 3]>,
+    observed: [bool; 3],
+}
+
+/// Calibration of sensor and headset, as written to the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct StreamOffset {
+pub struct CalibrationReport {
     /// Time of a sweep's pose minus time of the sweep, seconds.
     pub offset_s: f64,
     /// 1σ of the offset as estimated from the data, seconds; `None` if it was not estimated.
     pub sigma_s: Option<f64>,
     /// Whether the motion made the offset observable.
     pub observable: bool,
+    /// The mount.
+    pub mount: Option<MountInUse>,
 }
 
 #[derive(Serialize)]
@@ -82,20 +95,25 @@ struct MovingEntry {
 ///
 /// # Errors
 /// A number of the scene, or the time offset, is not finite.
-pub fn obstacles_json(scene: &Scene, counters: &Value, time_offset: &StreamOffset) -> Result<Vec<u8>, ReportError> {
+pub fn obstacles_json(
+    scene: &Scene,
+    counters: &Value,
+    calibration: &CalibrationReport,
+) -> Result<Vec<u8>, ReportError> {
     let entries = scene.obstacles.iter().enumerate().map(|(n, obstacle)| obstacle_entry(n, obstacle));
     let walls = scene.walls.iter().enumerate().map(|(n, wall)| wall_entry(n, wall));
     let moving = scene.moving.iter().enumerate().map(|(n, moving)| moving_entry(n, moving));
-    let sigma_s = time_offset.sigma_s.map(|sigma_s| finite(sigma_s, || "time_offset_sigma_s".into()));
+    let sigma_s = calibration.sigma_s.map(|sigma_s| finite(sigma_s, || "time_offset_sigma_s".into()));
     let file = File {
         frame: "tracking",
         obstacles: entries.collect::<Result<_, _>>()?,
         walls: walls.collect::<Result<_, _>>()?,
         moving: moving.collect::<Result<_, _>>()?,
         counters,
-        time_offset_s: finite(time_offset.offset_s, || "time_offset_s".into())?,
+        time_offset_s: finite(calibration.offset_s, || "time_offset_s".into())?,
         time_offset_sigma_s: sigma_s.transpose()?,
-        time_offset_observable: time_offset.observable,
+        time_offset_observable: calibration.observable,
+        mount: calibration.mount.as_ref().map(mount_entry).transpose()?,
     };
     let mut bytes = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, EntryPerLineFormatter::default());
@@ -112,9 +130,21 @@ pub fn write_obstacles_json(
     path: &Path,
     scene: &Scene,
     counters: &Value,
-    time_offset: &StreamOffset,
+    calibration: &CalibrationReport,
 ) -> Result<(), ReportError> {
-    write_atomically(path, &obstacles_json(scene, counters, time_offset)?)
+    write_atomically(path, &obstacles_json(scene, counters, calibration)?)
+}
+
+fn mount_entry(mount: &MountInUse) -> Result<MountEntry, ReportError> {
+    let finite = |of: DVec3| vector(of, || "mount".into());
+    let estimate = mount.estimate.map(|estimate| (estimate.position_m, estimate.sigma_m()));
+    Ok(MountEntry {
+        assumed_m: finite(mount.assumed.translation)?,
+        in_use_m: finite(mount.in_use.translation)?,
+        estimate_m: estimate.map(|(position_m, _)| finite(position_m)).transpose()?,
+        estimate_sigma_m: estimate.map(|(_, sigma_m)| finite(sigma_m)).transpose()?,
+        observed: mount.estimate.map_or([false; 3], |estimate| estimate.observed),
+    })
 }
 
 fn obstacle_entry(n: usize, obstacle: &Obstacle) -> Result<ObstacleEntry, ReportError> {
@@ -286,7 +316,7 @@ mod tests {
 
     #[test]
     fn keys_order_and_values_match_the_format() {
-        let known = StreamOffset { offset_s: 0.25, sigma_s: Some(0.5), observable: true };
+        let known = CalibrationReport { offset_s: 0.25, sigma_s: Some(0.5), observable: true, mount: None };
         let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), &known).unwrap()).unwrap();
         let entry = "{\"position_m\":[1.0,0.30000000000000004,-1e-17],\
              \"covariance_m2\":[[1.0,4.0,7.0],[2.0,5.0,8.0],[3.0,6.0,9.0]],\"extent_m\":[0.3,0.4,0.5],\
@@ -300,14 +330,14 @@ mod tests {
         let expected = format!(
             "{{\n\"frame\":\"tracking\",\n\"obstacles\":[\n{entry},\n{entry}\n],\n\"walls\":[\n{wall}\n],\n\"moving\":[\n{moving}\n],\n\
              \"counters\":{{\n\"sweeps\":7\n}},\n\"time_offset_s\":0.25,\n\"time_offset_sigma_s\":0.5,\n\
-             \"time_offset_observable\":true\n}}\n"
+             \"time_offset_observable\":true,\n\"mount\":null\n}}\n"
         );
         assert_eq!(text, expected);
     }
 
     #[test]
     fn empty_scene_is_valid_json() {
-        let bytes = obstacles_json(&Scene::default(), &json!({}), &StreamOffset::default()).unwrap();
+        let bytes = obstacles_json(&Scene::default(), &json!({}), &CalibrationReport::default()).unwrap();
         let value: Value = serde_json::from_slice(&bytes).unwrap();
         assert_eq!(
             value,
@@ -319,7 +349,8 @@ mod tests {
                 "counters": {},
                 "time_offset_s": 0.0,
                 "time_offset_sigma_s": null,
-                "time_offset_observable": false
+                "time_offset_observable": false,
+                "mount": null
             })
         );
     }
@@ -328,9 +359,9 @@ mod tests {
     fn non_finite_numbers_are_rejected_by_name() {
         let mut bad = scene(0.0);
         bad.obstacles[1].covariance_m2.z_axis.x = f64::NAN;
-        let refused = obstacles_json(&bad, &Value::Null, &StreamOffset::default()).unwrap_err().to_string();
+        let refused = obstacles_json(&bad, &Value::Null, &CalibrationReport::default()).unwrap_err().to_string();
         assert_eq!(refused, "obstacles[1].covariance_m2 is NaN, which is not a finite number");
-        let endless = StreamOffset { offset_s: f64::INFINITY, ..Default::default() };
+        let endless = CalibrationReport { offset_s: f64::INFINITY, ..Default::default() };
         let refused = obstacles_json(&scene(0.0), &Value::Null, &endless).unwrap_err().to_string();
         assert!(refused.starts_with("time_offset_s is inf"), "{refused}");
     }
@@ -338,8 +369,8 @@ mod tests {
     proptest! {
         #[test]
         fn numbers_roundtrip_exactly(x in any::<f64>().prop_filter("finite", |x| x.is_finite())) {
-            let bytes = obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &StreamOffset::default()).unwrap();
-            prop_assert_eq!(&bytes, &obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &StreamOffset::default()).unwrap());
+            let bytes = obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &CalibrationReport::default()).unwrap();
+            prop_assert_eq!(&bytes, &obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &CalibrationReport::default()).unwrap());
             let text = String::from_utf8(bytes).unwrap();
             let number = text.split_once("\"position_m\":[").unwrap().1.split_once(',').unwrap().0;
             prop_assert_eq!(number.parse::<f64>().unwrap().to_bits(), x.to_bits());

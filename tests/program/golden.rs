@@ -13,6 +13,8 @@ use crate::common::Folder;
 /// When set, the test writes the files instead of comparing them.
 const UPDATE: &str = "GOLDEN_UPDATE";
 const STATISTICS: [&str; 7] = ["thesis-full", "thesis", "ls", "log", "glrt", "coherent", "blocks"];
+/// The sensor assumed 5 cm beside its place.
+const WRONG_MOUNT: &str = " --set tracking.mount={translation=[0.05,0.03,-0.1],rotation=[0.0,0.0,0.0,1.0]}";
 /// A box around the reflector: 16³ voxels.
 const BOX: &str = "-0.7,1.1,-1.4,0.1,1.9,-0.6";
 
@@ -30,7 +32,13 @@ struct Outputs {
 impl Outputs {
     /// Replays a recording of this folder with additional environment variables.
     fn of_replay(folder: &Folder, name: &str, environment: &[(&str, &str)]) -> Self {
-        folder.run_with(&format!("replay {name}.mcap --out out --results results.mcap"), environment).succeeds();
+        Self::of_replay_set(folder, name, "", environment)
+    }
+
+    /// The same with more arguments.
+    fn of_replay_set(folder: &Folder, name: &str, arguments: &str, environment: &[(&str, &str)]) -> Self {
+        let command = format!("replay {name}.mcap --out out --results results.mcap{arguments}");
+        folder.run_with(&command, environment).succeeds();
         let mut checksums = String::new();
         for file in ["obstacles.ply", "shape.ply"] {
             let _ = writeln!(checksums, "{file} {:08x}", crc32fast::hash(&folder.read(&format!("out/{file}"))));
@@ -105,6 +113,17 @@ fn golden_d16_room() {
 }
 
 #[test]
+fn golden_room_whose_mount_is_corrected() {
+    let folder = with_recording("mount", "d16_room");
+    let outputs = Outputs::of_replay_set(&folder, "d16_room", WRONG_MOUNT, &[]);
+    let result: serde_json::Value = serde_json::from_str(&outputs.obstacles).unwrap();
+    let in_use_m: Vec<f64> = serde_json::from_value(result["mount"]["in_use_m"].clone()).unwrap();
+    let off_m = glam::DVec3::from_slice(&in_use_m).distance(glam::DVec3::new(0.0, 0.03, -0.1));
+    assert!(off_m < 5e-3, "{in_use_m:?}");
+    outputs.compare("wrong_mount");
+}
+
+#[test]
 fn golden_c16_room() {
     let folder = with_recording("c16", "c16_room");
     Outputs::of_replay(&folder, "c16_room", &[]).compare("c16_room");
@@ -147,6 +166,9 @@ fn golden_outputs_do_not_depend_on_threads_and_instructions() {
                 _ => outputs.compare(name),
             }
         }
+        let environment = [("RADAR_CHAPERONE_INSTRUCTIONS", instructions), ("RAYON_NUM_THREADS", "1")];
+        let folder = with_recording(&format!("{instructions}-mount"), "d16_room");
+        Outputs::of_replay_set(&folder, "d16_room", WRONG_MOUNT, &environment).compare("wrong_mount");
     }
 }
 

@@ -27,7 +27,7 @@ fn settings() -> Settings {
 }
 
 fn start(scenario: &Scenario, settings: &Settings, options: &ReconstructionOptions) -> Reconstruction {
-    Reconstruction::start(&scenario.config, &scenario.head_from_sensor, settings, options).unwrap()
+    Reconstruction::start(&scenario.config, &scenario.head_from_sensor, None, settings, options).unwrap()
 }
 
 fn replayed(scenario: &Scenario, simulated: &Simulated) -> Scene {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::mount_control::MountControl;
 use super::offset_guard::OffsetGuard;
-use super::{MountEstimate, SensorState, TrackingSettings};
+use super::{MountInUse, SensorState, TrackingSettings};
 
 /// Interval of estimates, nanoseconds, and the interval while the offset in use is confirmed.
 /// Choice: an estimate remembers 20 s of sweeps, of which a second is a useful share; a confirmed
@@ -118,19 +118,19 @@ impl CalibrationControl {
         self.in_use_s
     }
 
-    /// The last estimate of the offset, applied or not.
+    /// The last estimate of the offset, applied or not; `None` when it is not to be estimated.
     pub fn estimate(&self) -> Option<TimeOffset> {
-        self.found.map(|found| found.time_offset)
+        self.found.filter(|_| self.estimates_offset).map(|found| found.time_offset)
     }
 
-    /// The mount in use, `head_from_sensor`.
-    pub fn mount_in_use(&self) -> Pose {
-        self.mount.in_use()
+    /// The mount in use.
+    pub fn mount(&self) -> MountInUse {
+        self.mount.state()
     }
 
-    /// The last estimate of the mount, applied or not.
-    pub fn mount_estimate(&self) -> Option<MountEstimate> {
-        self.mount.estimate()
+    /// Begins from the mount of an earlier session.
+    pub fn resume_mount(&mut self, earlier: &MountInUse) {
+        self.mount.resume(earlier);
     }
 
     pub fn counters(&self) -> TimeOffsetCounters {
@@ -179,10 +179,8 @@ impl CalibrationControl {
         let found = self.found?;
         let time_offset_s = if self.estimates_offset { self.update_offset(now_ns, &found.time_offset) } else { None };
         let mount_m = self.mount.update(now_ns, &found);
-        (time_offset_s.is_some() || mount_m.is_some()).then(|| CalibrationChange {
-            time_offset_s: time_offset_s.unwrap_or(0.0),
-            mount_m: mount_m.unwrap_or(0.0),
-        })
+        (time_offset_s.is_some() || mount_m.is_some())
+            .then(|| CalibrationChange { time_offset_s: time_offset_s.unwrap_or(0.0), mount_m: mount_m.unwrap_or(0.0) })
     }
 
     /// By how much the offset in use changed, seconds.
@@ -205,11 +203,12 @@ impl CalibrationControl {
     fn is_settled(&self) -> bool {
         let agrees = |offset: &TimeOffset| {
             let wrong_s = (offset.offset_s - self.in_use_s).abs();
-            offset.observable
-                && offset.sigma_s <= 0.5 * self.max_sigma_s
-                && wrong_s <= MIN_CHANGE_S.max(offset.sigma_s)
+            offset.observable && offset.sigma_s <= 0.5 * self.max_sigma_s && wrong_s <= MIN_CHANGE_S.max(offset.sigma_s)
         };
-        self.found.is_some_and(|found| agrees(&found.time_offset) && self.mount.is_settled(&found))
+        let is_settled = |found: &Calibration| {
+            (!self.estimates_offset || agrees(&found.time_offset)) && self.mount.is_settled(found)
+        };
+        self.found.as_ref().is_some_and(is_settled)
     }
 
     /// Whether an estimate should replace the offset in use.

@@ -55,8 +55,8 @@
 #![deny(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
-mod classifier;
 mod calibration_control;
+mod classifier;
 mod clean;
 mod event;
 mod evidence;
@@ -92,7 +92,7 @@ pub use evidence::Evidence;
 pub use existence::ExistenceSettings;
 pub use hands::{HandTrail, HandsM, HandsSample};
 pub use mapper::{Mapper, MapperCounters, SearchCounters};
-pub use mount_estimate::MountEstimate;
+pub use mount_estimate::{MountEstimate, MountInUse};
 pub use moving_targets::{MovingTarget, MovingTargetTracker, MtiSettings};
 pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};
 pub use range_axis::range_axis;
@@ -106,8 +106,8 @@ pub use scene::{Observed, Obstacle, Scene, Wall};
 pub use search::{DEFAULT_CUBE_M, MapperKind, cube_ahead};
 pub use settings::{MappingSettings, MappingSettingsError, Mode, ProcessingSettings, RadarSettings, TrackingSettings};
 pub use synchronisation::{
-    Lag, LagCurve, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation,
-    SynchronisationError, reflector_series, synchronisation,
+    Lag, LagCurve, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation, SynchronisationError,
+    reflector_series, synchronisation,
 };
 pub use tracks::{RECENT_UPDATES, TrackSettings};
 pub(crate) use tracks::{Track, TrackList, same_plane, same_point};

@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 use super::calibration_control::{CalibrationChange, CalibrationControl, MountCounters, TimeOffsetCounters};
 use super::search::Search;
 use super::{
-    Accepted, Event, Evidence, MapperKind, MappingSettings, MountEstimate, Observer, ObserverCounters, ObserverSettings, Refusal,
-    RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
+    Accepted, Event, Evidence, MapperKind, MappingSettings, MountInUse, Observer, ObserverCounters, ObserverSettings,
+    Refusal, RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
 };
 
 /// Interval of the recorded sensor path, nanoseconds. Choice: a head at 1 m/s moves 2 cm, and an
@@ -88,11 +88,8 @@ impl Mapper {
     pub fn new(config: &SensorConfig, head_from_sensor: &Pose, settings: &MappingSettings) -> Self {
         let tracking = &settings.tracking;
         let head_from_sensor = tracking.mount.unwrap_or(*head_from_sensor);
-        let observer_settings = ObserverSettings {
-            history: tracking.history,
-            head_from_sensor,
-            time_offset_s: tracking.time_offset_s,
-        };
+        let observer_settings =
+            ObserverSettings { history: tracking.history, head_from_sensor, time_offset_s: tracking.time_offset_s };
         let (mut observer, search) = (Observer::new(config, observer_settings), Search::new(config, settings));
         let calibration = CalibrationControl::new(tracking, &head_from_sensor);
         if calibration.is_active() {
@@ -229,7 +226,7 @@ impl Mapper {
         let now_ns = self.observer.newest_pose_ns().unwrap_or(i64::MIN);
         let Some(change) = self.calibration.update(now_ns) else { return };
         self.observer.set_time_offset_s(self.calibration.in_use_s());
-        self.observer.set_mount(self.calibration.mount_in_use());
+        self.observer.set_mount(self.calibration.mount().in_use);
         self.repose(&change);
     }
 
@@ -318,14 +315,16 @@ impl Mapper {
         self.calibration.estimate()
     }
 
-    /// The mount in use, `head_from_sensor`.
-    pub fn mount(&self) -> Pose {
-        self.calibration.mount_in_use()
+    /// The mount in use, and its last estimate.
+    pub fn mount(&self) -> MountInUse {
+        self.calibration.mount()
     }
 
-    /// The last estimate of the mount, applied or not; `None` when there was none.
-    pub fn mount_estimate(&self) -> Option<MountEstimate> {
-        self.calibration.mount_estimate()
+    /// Begins from the mount that an earlier session had in use. Ignored when another one is assumed now, or when
+    /// estimates are not applied.
+    pub fn resume_mount(&mut self, earlier: &MountInUse) {
+        self.calibration.resume_mount(earlier);
+        self.observer.set_mount(self.calibration.mount().in_use);
     }
 
     /// The newest valid head pose and its time.

@@ -4,7 +4,7 @@ use glam::DVec3;
 use radar_sar::Calibration;
 use radar_sar::geometry::Pose;
 
-use super::{MountCounters, MountEstimate};
+use super::{MountCounters, MountEstimate, MountInUse};
 
 /// An axis is corrected once its 1σ is at most this, metres. Choice: what measuring by eye leaves.
 const MAX_SIGMA_M: f64 = 10e-3;
@@ -17,6 +17,10 @@ const SIGNIFICANT: f64 = 4.0;
 const HINT: f64 = 2.0;
 /// Least time between two changes, nanoseconds. Choice: the window that is imaged again, and a little more.
 const PAUSE_NS: i64 = 5_000_000_000;
+
+/// A mount of an earlier session that is farther from the assumed one than this is not believed, metres. Choice: five times
+/// the search's 1σ.
+const MAX_RESUMED_M: f64 = 0.25;
 
 /// The mount in use, and its last estimate.
 #[derive(Debug)]
@@ -48,9 +52,21 @@ impl MountControl {
         self.assumed * Pose::from_translation(self.shift_m)
     }
 
-    /// The last estimate, applied or not.
-    pub fn estimate(&self) -> Option<MountEstimate> {
-        self.estimate
+    /// With the last estimate.
+    pub fn state(&self) -> MountInUse {
+        MountInUse { assumed: self.assumed, in_use: self.in_use(), estimate: self.estimate }
+    }
+
+    /// Begins from what an earlier session had in use, unless another mount was assumed then, it is no place on a head, or
+    /// nothing is to be applied.
+    pub fn resume(&mut self, earlier: &MountInUse) {
+        let shift_m = (self.assumed.inverse() * earlier.in_use).translation;
+        let turn = earlier.assumed.rotation.dot(self.assumed.rotation).abs();
+        // Text rounds numbers.
+        let is_same = earlier.assumed.translation.distance(self.assumed.translation) < 1e-6 && 1.0 - turn < 1e-9;
+        if self.is_applied && is_same && shift_m.length() <= MAX_RESUMED_M {
+            self.shift_m = shift_m;
+        }
     }
 
     pub fn counters(&self) -> MountCounters {
@@ -130,7 +146,7 @@ mod tests {
         let expected_m = assumed.translation + DVec3::new(-0.04, 0.0, -0.03);
         assert!(mount.in_use().translation.distance(expected_m) < 1e-12, "{:?}", mount.in_use());
         assert_eq!(mount.in_use().rotation, assumed.rotation);
-        assert_eq!(mount.estimate().unwrap().observed, [true, false, true]);
+        assert_eq!(mount.state().estimate.unwrap().observed, [true, false, true]);
     }
 
     #[test]
@@ -147,6 +163,25 @@ mod tests {
         assert!(!mount.is_settled(&found(DVec3::new(32e-3, 11e-3, 0.0), DVec3::splat(5e-3))), "it may be wrong");
         let mut fixed = MountControl::new(&Pose::IDENTITY, false);
         assert_eq!(fixed.update(0, &found(DVec3::X * 50e-3, sharp)), None);
-        assert!(fixed.estimate().unwrap().contradicts()[0] && fixed.in_use() == Pose::IDENTITY);
+        assert!(fixed.state().is_contradicted() && fixed.in_use() == Pose::IDENTITY);
+    }
+
+    #[test]
+    fn the_mount_of_an_earlier_session_is_resumed_while_the_assumed_one_stays() {
+        let assumed = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_y(0.3));
+        let mut before = MountControl::new(&assumed, true);
+        before.update(0, &found(DVec3::X * 30e-3, DVec3::splat(1e-3))).unwrap();
+        let after = |assumed: Pose, is_applied: bool| {
+            let mut mount = MountControl::new(&assumed, is_applied);
+            mount.resume(&before.state());
+            mount.state().correction_m()
+        };
+        assert!((after(assumed, true) - 30e-3).abs() < 1e-12);
+        assert_eq!([after(Pose::IDENTITY, true), after(assumed, false)], [0.0, 0.0]);
+        for bad_m in [DVec3::X, DVec3::NAN] {
+            let mut mount = MountControl::new(&assumed, true);
+            mount.resume(&MountInUse { in_use: Pose::from_translation(bad_m), ..before.state() });
+            assert_eq!(mount.in_use(), assumed);
+        }
     }
 }

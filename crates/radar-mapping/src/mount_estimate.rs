@@ -1,4 +1,4 @@
-//! The sensor's position on the head as estimated, beside the assumed one.
+//! The sensor's position on the head: assumed, in use, and as estimated.
 
 use glam::{DMat3, DVec3};
 use radar_sar::Calibration;
@@ -56,3 +56,31 @@ impl MountEstimate {
     }
 }
 
+/// The mount that sweeps get their poses with, and where it comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MountInUse {
+    /// The assumed `head_from_sensor`: of the settings, else of the recording.
+    pub assumed: Pose,
+    /// The `head_from_sensor` in use: the assumed one, or corrected by estimates.
+    pub in_use: Pose,
+    /// The last estimate, applied or not; `None` when there was none.
+    pub estimate: Option<MountEstimate>,
+}
+
+impl MountInUse {
+    /// Distance of the mount in use from the assumed one, metres.
+    pub fn correction_m(&self) -> f64 {
+        self.in_use.translation.distance(self.assumed.translation)
+    }
+
+    /// Whether the last estimate contradicts the mount in use in an axis of the head.
+    pub fn is_contradicted(&self) -> bool {
+        let against = |estimate: MountEstimate| MountEstimate { assumed: self.in_use, ..estimate }.contradicts();
+        self.estimate.is_some_and(|estimate| against(estimate).contains(&true))
+    }
+
+    /// Whether the motion made the position observable in each axis of the head.
+    pub fn is_observed(&self) -> bool {
+        self.estimate.is_some_and(|estimate| !estimate.observed.contains(&false))
+    }
+}

@@ -1,7 +1,7 @@
 //! Guards the time offset in use against single wrong estimates.
 //!
 //! Interfering echoes occasionally give an estimate that is wrong by ten milliseconds with a small
-//! 1σ. Applying it would make the room mapper start again and lose its map. So an offset that an
+//! 1σ. Applying it would image the room with wrong poses. So an offset that an
 //! estimate has confirmed is replaced by an incompatible one only after the disagreement has lasted
 //! longer than the estimator's window.
 
@@ -13,16 +13,17 @@ const MIN_DISAGREEMENT_NS: i64 = 25_000_000_000;
 pub(super) struct OffsetGuard {
     /// An estimate has agreed with it.
     is_confirmed: bool,
-    /// Since when all estimates have disagreed so far that the map would be lost.
+    /// Since when all estimates have disagreed harmfully.
     since_ns: Option<i64>,
 }
 
 impl OffsetGuard {
     /// Takes an estimate; returns whether it may be applied. `is_known`: it is accurate enough;
-    /// `invalidates_map`: applying it loses the map.
-    pub fn allows(&mut self, now_ns: i64, is_known: bool, invalidates_map: bool) -> bool {
-        self.is_confirmed |= is_known && !invalidates_map;
-        if !(is_known && invalidates_map && self.is_confirmed) {
+    /// `is_harmful`: the change is
+    /// so large that evidence from before and after does not fit together.
+    pub fn allows(&mut self, now_ns: i64, is_known: bool, is_harmful: bool) -> bool {
+        self.is_confirmed |= is_known && !is_harmful;
+        if !(is_known && is_harmful && self.is_confirmed) {
             self.since_ns = None;
             return true;
         }
@@ -51,9 +52,9 @@ mod tests {
         assert!((1..=25).all(|s| !offset_guard.allows(s * S, true, true)));
         assert!(offset_guard.clone().allows(26 * S, true, true));
         // An estimate that agrees or is unknown restarts the duration.
-        for (is_known, invalidates_map) in [(true, false), (false, true)] {
+        for (is_known, is_harmful) in [(true, false), (false, true)] {
             let mut offset_guard = offset_guard;
-            assert!(offset_guard.allows(26 * S, is_known, invalidates_map));
+            assert!(offset_guard.allows(26 * S, is_known, is_harmful));
             assert!(!offset_guard.allows(27 * S, true, true) && !offset_guard.allows(51 * S, true, true));
             assert!(offset_guard.allows(52 * S, true, true));
         }

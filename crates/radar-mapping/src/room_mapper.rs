@@ -208,11 +208,7 @@ impl RoomMapper {
     /// Images the sweeps of the window again, because their poses had been wrong. `keep` changes or drops sweeps; the rest
     /// are processed by [`work`](Self::work), before any new ones. Objects and walls stay where they are until they are
     /// seen again, less certain than before.
-    pub(crate) fn image_again(
-        &mut self,
-        change: &CalibrationChange,
-        mut keep: impl FnMut(&mut Observation) -> bool,
-    ) {
+    pub(crate) fn image_again(&mut self, change: &CalibrationChange, mut keep: impl FnMut(&mut Observation) -> bool) {
         let mut backlog = self.intake.take_sweeps();
         backlog.retain_mut(|sweep| keep(sweep));
         let before = std::mem::replace(self, Self::begin(self.config.clone(), backlog));

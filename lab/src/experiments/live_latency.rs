@@ -53,7 +53,8 @@ impl LiveLatency {
         let options = ReconstructionOptions { threads: self.threads, ..Default::default() };
         let settings = Settings::default();
         let reconstruction =
-            Reconstruction::start(&scenario.config, &scenario.head_from_sensor, &settings, &options).expect("threads");
+            Reconstruction::start(&scenario.config, &scenario.head_from_sensor, None, &settings, &options)
+                .expect("threads");
         let (to_frame, frame_cpu) = self.play(&reconstruction, &simulated, &settings);
         let (counters, scene) = reconstruction.finish();
         let rows = [

@@ -3,7 +3,7 @@
 //! Once the universe is known and there is a reconstruction, the universe's saved map is restored
 //! as provisional. Every half minute and at the end the map is saved, in the raw universe's frame.
 //! When the raw universe leaps and its id stays, the saved map is invalid and removed. The panel's
-//! button to forget the room removes the saved map as well.
+//! button to forget the room removes the saved map as well. The sensor's mount is kept in the same intervals.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -75,11 +75,17 @@ impl MapAutosave<'_, '_> {
     /// Runs until the frame loop has ended.
     pub fn run(&self, done: &AtomicBool) {
         let mut progress = Progress { saved_ns: now_ns(), ..Progress::default() };
+        let mut kept_ns = progress.saved_ns;
         while !done.load(Ordering::Relaxed) {
             std::thread::sleep(POLL_INTERVAL);
             self.step(&mut progress, false);
+            if now_ns().saturating_sub(kept_ns) >= SAVE_INTERVAL_NS {
+                kept_ns = now_ns();
+                self.supervisor.keep_mount();
+            }
         }
         self.step(&mut progress, true);
+        self.supervisor.keep_mount();
     }
 
     fn step(&self, progress: &mut Progress, is_last: bool) {

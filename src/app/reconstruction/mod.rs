@@ -19,7 +19,7 @@ use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::settings::Settings;
 use a121::SensorConfig;
 use radar_mapping::MapperCounters;
-use radar_mapping::{Event, Evidence, SavedMap, Scene};
+use radar_mapping::{Event, Evidence, MountInUse, SavedMap, Scene};
 use radar_sar::geometry::Pose;
 use worker::{MapperSpec, Worker};
 
@@ -84,6 +84,8 @@ pub struct PublishedMap {
     pub time_offset_s: f64,
     /// 1σ of the last estimate of the time offset, where it is observable.
     pub time_offset_sigma_s: Option<f64>,
+    /// The mount in use; `None` before the first frame.
+    pub mount: Option<MountInUse>,
     /// Number of resets before it.
     pub epoch: u64,
 }
@@ -92,7 +94,7 @@ impl PublishedMap {
     /// An empty map.
     fn nothing(epoch: u64) -> Self {
         let scene = Arc::new(Scene::default());
-        Self { number: 0, scene, newest_sweep_ns: 0, time_offset_s: 0.0, time_offset_sigma_s: None, epoch }
+        Self { number: 0, scene, newest_sweep_ns: 0, time_offset_s: 0.0, time_offset_sigma_s: None, mount: None, epoch }
     }
 }
 
@@ -177,18 +179,19 @@ const MAX_FINISH_NS: u64 = 500_000_000;
 
 impl Reconstruction {
     /// Starts it for a valid configuration. A mount in the settings has precedence over the one
-    /// given.
+    /// given. `known_mount`: what an earlier session had in use.
     ///
     /// # Errors
     /// The system provides no threads.
     pub fn start(
         config: &SensorConfig,
         head_from_sensor: &Pose,
+        known_mount: Option<MountInUse>,
         settings: &Settings,
         options: &ReconstructionOptions,
     ) -> Result<Self, ReconstructionError> {
         let settings = with_max_ahead(settings, options.max_ahead_s);
-        let begin = MapperSpec { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
+        let begin = MapperSpec { config: config.clone(), head_from_sensor: *head_from_sensor, settings, known_mount };
         let mapper = begin.mapper();
         let shared = Arc::new(Shared::new(mapper.counters()));
         let queue = Arc::new(Queue::new([options.max_frames, options.max_poses, MAX_HANDS]));
@@ -421,7 +424,8 @@ mod tests {
     fn latest_never_waits_for_the_lock() {
         let config = preset("fine").unwrap();
         let options = ReconstructionOptions { threads: Some(1), ..Default::default() };
-        let reconstruction = Reconstruction::start(&config, &Pose::IDENTITY, &Settings::default(), &options).unwrap();
+        let reconstruction =
+            Reconstruction::start(&config, &Pose::IDENTITY, None, &Settings::default(), &options).unwrap();
         let held = Arc::clone(&reconstruction.shared);
         let lock = lock(&held.newest);
         assert_eq!(reconstruction.latest().epoch, 0);

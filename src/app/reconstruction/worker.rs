@@ -11,7 +11,7 @@ use crate::app::{Latency, Received, now_ns, thread_cpu_ns};
 use crate::settings::Settings;
 use a121::SensorConfig;
 use radar_mapping::{Event, Scene};
-use radar_mapping::{Mapper, MapperKind};
+use radar_mapping::{Mapper, MapperKind, MountInUse};
 use radar_sar::geometry::Pose;
 
 /// Longest wait for input: bounds the reaction time to stop and reset. Choice: shorter than one
@@ -33,12 +33,17 @@ pub(super) struct MapperSpec {
     pub config: SensorConfig,
     pub head_from_sensor: Pose,
     pub settings: Settings,
+    /// What an earlier mapper or session had in use.
+    pub known_mount: Option<MountInUse>,
 }
 
 impl MapperSpec {
     /// A new mapper that defers its work until no input waits.
     pub fn mapper(&self) -> Mapper {
         let mut mapper = Mapper::new(&self.config, &self.head_from_sensor, &self.settings.mapping());
+        if let Some(known) = &self.known_mount {
+            mapper.resume_mount(known);
+        }
         mapper.defer();
         mapper
     }
@@ -124,6 +129,8 @@ impl Worker {
         if let Some(settings) = lock(&self.shared.next_settings).take() {
             self.spec.settings = settings;
         }
+        // The sensor stays where it is on the head, wherever the room is.
+        self.spec.known_mount = Some(self.mapper.mount());
         self.mapper = self.spec.mapper();
         self.latencies.reset();
         self.evidence_ns = None;
@@ -217,6 +224,7 @@ impl Worker {
             newest_sweep_ns,
             time_offset_s: self.mapper.time_offset_s(),
             time_offset_sigma_s: estimate.map(|estimate| estimate.sigma_s),
+            mount: Some(self.new_mount()),
             epoch: self.epoch,
         });
         let now_ns = now_ns();
@@ -224,6 +232,19 @@ impl Worker {
         if let Some(evidence_ns) = self.evidence_ns {
             self.latencies.published_until(evidence_ns, now_ns);
         }
+    }
+
+    /// The mount; logs it when it has changed.
+    fn new_mount(&self) -> MountInUse {
+        let mount = self.mapper.mount();
+        if self.published.mount.is_some_and(|before| before.in_use != mount.in_use) {
+            let [x, y, z] = mount.in_use.translation.to_array();
+            let correction_mm = mount.correction_m() * 1e3;
+            log::info!(
+                "the sensor is at ({x:.3}, {y:.3}, {z:.3}) m on the head, {correction_mm:.0} mm from where it is set"
+            );
+        }
+        mount
     }
 
     fn publish_map(&mut self, published: PublishedMap) {

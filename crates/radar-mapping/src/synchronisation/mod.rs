@@ -22,8 +22,8 @@ mod rates;
 use glam::DVec3;
 use serde::Serialize;
 
-use crate::{MappingSettings, MountEstimate};
 use crate::{Event, Mapper, in_time_order};
+use crate::{MappingSettings, MountEstimate};
 use crate::{Observer, ObserverSettings, SensorState};
 use a121::{Frame, SensorConfig};
 pub use lag_curve::{Lag, LagCurve};

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use glam::{DMat2, DVec2, DVec3};
 
 use crate::app::{PublishedMap, Reconstruction};
-use crate::panel::{Head, Health, PanelView, Plan, PlanMovingTarget, PlanObstacle, SensorHealth, hull};
+use crate::panel::{Head, Health, MountHealth, PanelView, Plan, PlanMovingTarget, PlanObstacle, SensorHealth, hull};
 use crate::settings::Settings;
-use radar_mapping::{MovingTarget, Obstacle, Wall};
+use radar_mapping::{MountInUse, MovingTarget, Obstacle, Wall};
 use radar_sar::geometry::Pose;
 
 /// Two-way amplitude at the edge of the drawn beam. Choice: the default of
@@ -123,6 +123,7 @@ pub(super) fn view(
 fn fill(health: &mut Health, published: &PublishedMap, now_ns: i64) {
     health.time_offset_s = to_tenths_of_ms(published.time_offset_s);
     health.time_offset_sigma_s = published.time_offset_sigma_s.map(to_tenths_of_ms);
+    health.mount = published.mount.as_ref().map_or(MountHealth::Unknown, mount_health);
     let scene = &published.scene;
     health.obstacles = scene.obstacles.len();
     let remembered_walls = scene.walls.iter().filter(|wall| wall.provisional && self::wall(wall).is_some()).count();
@@ -130,6 +131,16 @@ fn fill(health: &mut Health, published: &PublishedMap, now_ns: i64) {
     if published.newest_sweep_ns > 0 {
         let age_s = now_ns.saturating_sub(published.newest_sweep_ns) as f64 * 1e-9;
         health.age_s = Some(age_s.max(0.0).floor());
+    }
+}
+
+/// Rounded to millimetres: the panel is drawn anew when it changes.
+fn mount_health(mount: &MountInUse) -> MountHealth {
+    match mount.correction_m() {
+        by_m if by_m > 0.0 => MountHealth::Corrected { by_m: (by_m * 1e3).round() * 1e-3 },
+        _ if mount.is_contradicted() => MountHealth::Contradicted,
+        _ if mount.is_observed() => MountHealth::AsSet,
+        _ => MountHealth::Unknown,
     }
 }
 

@@ -1,0 +1,104 @@
+//! Where the sensor sits on each headset, kept from one session to the next.
+
+use std::collections::BTreeMap;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use radar_mapping::MountInUse;
+
+use super::folders::user_folder;
+use crate::report::write_atomically;
+
+/// Longest file that is read, bytes. Choice: an entry has less than a kilobyte.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// The file of all headsets, and the one in use.
+#[derive(Debug, Clone)]
+pub struct MountMemory {
+    file: PathBuf,
+    headset: String,
+}
+
+impl MountMemory {
+    /// In the user's folder; `None` when there is none. `headset`: its name.
+    pub fn new(headset: &str) -> Option<Self> {
+        Some(Self { file: file_in(&user_folder("XDG_DATA_HOME", ".local/share")?), headset: headset.to_owned() })
+    }
+
+    /// What the last session with this headset had in use. A file that cannot be read is logged and ignored.
+    pub fn recall(&self) -> Option<MountInUse> {
+        let kept = read(&self.file).unwrap_or_else(|error| {
+            log::warn!("the sensor's place on the headset is not known from before: {error:#}");
+            BTreeMap::new()
+        });
+        kept.get(&self.headset).copied()
+    }
+
+    /// Keeps it for the next session.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn keep(&self, mount: &MountInUse) -> Result<()> {
+        // What cannot be read is replaced: it was logged when it was read.
+        let mut kept = read(&self.file).unwrap_or_default();
+        kept.insert(self.headset.clone(), *mount);
+        let text = serde_json::to_string_pretty(&kept)?;
+        Ok(write_atomically(&self.file, (text + "\n").as_bytes())?)
+    }
+}
+
+/// The mounts in use by headset, for `doctor`.
+///
+/// # Errors
+/// The file is damaged or cannot be read.
+pub fn known_mounts() -> Result<BTreeMap<String, MountInUse>> {
+    user_folder("XDG_DATA_HOME", ".local/share").map_or(Ok(BTreeMap::new()), |folder| read(&file_in(&folder)))
+}
+
+fn file_in(folder: &Path) -> PathBuf {
+    folder.join("mounts.json")
+}
+
+fn read(path: &Path) -> Result<BTreeMap<String, MountInUse>> {
+    let about = || format!("cannot read {}", path.display());
+    let file = match std::fs::File::open(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(BTreeMap::new()),
+        file => file.with_context(about)?,
+    };
+    let mut text = String::new();
+    file.take(MAX_BYTES).read_to_string(&mut text).with_context(about)?;
+    serde_json::from_str(&text).with_context(about)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use radar_sar::geometry::Pose;
+
+    fn memory(folder: &Path, headset: &str) -> MountMemory {
+        MountMemory { file: file_in(folder), headset: headset.to_owned() }
+    }
+
+    #[test]
+    fn each_headset_has_its_own_and_damage_is_survived() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |x: f64| {
+            let assumed = Pose::from_translation(DVec3::new(0.0, 0.02, -0.08));
+            MountInUse { assumed, in_use: assumed * Pose::from_translation(DVec3::X * x), estimate: None }
+        };
+        let (index, quest) = (memory(folder.path(), "Index"), memory(folder.path(), "Quest"));
+        assert_eq!(index.recall(), None);
+        index.keep(&at(0.03)).unwrap();
+        quest.keep(&at(-0.01)).unwrap();
+        index.keep(&at(0.04)).unwrap();
+        assert_eq!([index.recall(), quest.recall()], [Some(at(0.04)), Some(at(-0.01))]);
+        for damage in ["", "{\"Index\": {\"assumed\": 3}}", "[1e999]"] {
+            std::fs::write(file_in(folder.path()), damage).unwrap();
+            assert_eq!(index.recall(), None);
+        }
+        quest.keep(&at(0.01)).unwrap();
+        assert_eq!(quest.recall(), Some(at(0.01)));
+    }
+}
