@@ -11,6 +11,7 @@ mod eyes;
 mod graphics;
 mod install;
 mod lifecycle;
+mod mount;
 mod notice;
 mod recorded;
 mod rig;

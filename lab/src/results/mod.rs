@@ -1,6 +1,7 @@
 //! The result pages in docs/results: measured by one command, with the commit and the machine that
 //! measured them.
 
+mod calibration;
 mod gpu;
 mod page;
 mod pages;
@@ -74,7 +75,7 @@ impl ResultsPage {
 }
 
 /// Every page.
-pub const PAGES: [ResultsPage; 9] = [
+pub const PAGES: [ResultsPage; 10] = [
     ResultsPage {
         name: "reflectors",
         about: "position of a reflector, pairs, time offset",
@@ -104,6 +105,12 @@ pub const PAGES: [ResultsPage; 9] = [
         about: "what each assumption of the simulation costs",
         is_timed: false,
         make: |measuring| surfaces::realism(measuring.extent, measuring.recorded.as_ref()),
+    },
+    ResultsPage {
+        name: "calibration",
+        about: "mount and time offset from play, and play with a wrong mount",
+        is_timed: false,
+        make: |measuring| calibration::calibration(measuring.extent),
     },
     ResultsPage {
         name: "experiments",

@@ -6,7 +6,9 @@ use crate::common::Folder;
 fn without_names_the_pages_are_listed() {
     let folder = Folder::new("results_listed");
     let mut listed = folder.run("results").succeeds();
-    for page in ["reflectors", "rooms", "play", "living", "realism", "experiments", "benchmark", "speed", "gpu"] {
+    for page in
+        ["reflectors", "rooms", "play", "living", "realism", "calibration", "experiments", "benchmark", "speed", "gpu"]
+    {
         listed = listed.prints(page);
     }
     folder.run("results walls").fails_with("there is no page \"walls\": use reflectors, rooms, play");
@@ -15,10 +17,11 @@ fn without_names_the_pages_are_listed() {
 #[test]
 fn a_quick_page_states_command_commit_and_machine() {
     let folder = Folder::new("results_rooms");
-    folder.run("results rooms living realism speed --quick --out r").succeeds().prints("Written to");
+    folder.run("results rooms living realism calibration speed --quick --out r").succeeds().prints("Written to");
     for (page, needs) in [
         ("rooms", &["| objects that came within 1 m: found", "| d16 "][..]),
         ("living", &["| warned before 0.4 m or 0.6 s, % ", "| Lighthouse", "| poor tracker", "| all but walls "][..]),
+        ("calibration", &["| points ", "cm off, estimated ", "cm off, as assumed "][..]),
         ("realism", &["| everything on ", "| sensor: noise alone "][..]),
         ("speed", &["| instruction set", "| the whole mapper ", "drawn from it"][..]),
     ] {
