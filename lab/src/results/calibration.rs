@@ -24,9 +24,9 @@ pub(super) fn calibration(extent: Extent) -> Result<Page> {
     let worlds = [PlayWorld::Points, PlayWorld::Office, PlayWorld::Dining];
     let worlds = &worlds[..extent.choose(3, 1)];
     let headsets = &HEADSETS[..extent.choose(4, 1)];
-    let seeds = MOUNT_SEED..MOUNT_SEED + extent.choose(12, 1);
-    let rooms = extent.choose(6, 1);
-    let minutes = extent.choose(3.0, 0.25);
+    let seeds = MOUNT_SEED..MOUNT_SEED + extent.choose(10, 1);
+    let rooms = extent.choose(4, 1);
+    let minutes = extent.choose(2.5, 0.25);
     let mut rows = Vec::new();
     for headset in [Headset::Lighthouse, Headset::InsideOut].into_iter().take(extent.choose(2, 1)) {
         for mount_m in MOUNTS_M {
