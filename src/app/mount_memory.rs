@@ -83,22 +83,24 @@ mod tests {
 
     #[test]
     fn each_headset_has_its_own_and_damage_is_survived() {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = std::env::temp_dir().join(format!("radar-chaperone-mounts-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
         let at = |x: f64| {
             let assumed = Pose::from_translation(DVec3::new(0.0, 0.02, -0.08));
             MountInUse { assumed, in_use: assumed * Pose::from_translation(DVec3::X * x), estimate: None }
         };
-        let (index, quest) = (memory(folder.path(), "Index"), memory(folder.path(), "Quest"));
+        let (index, quest) = (memory(&folder, "Index"), memory(&folder, "Quest"));
         assert_eq!(index.recall(), None);
         index.keep(&at(0.03)).unwrap();
         quest.keep(&at(-0.01)).unwrap();
         index.keep(&at(0.04)).unwrap();
         assert_eq!([index.recall(), quest.recall()], [Some(at(0.04)), Some(at(-0.01))]);
         for damage in ["", "{\"Index\": {\"assumed\": 3}}", "[1e999]"] {
-            std::fs::write(file_in(folder.path()), damage).unwrap();
+            std::fs::write(file_in(&folder), damage).unwrap();
             assert_eq!(index.recall(), None);
         }
         quest.keep(&at(0.01)).unwrap();
         assert_eq!(quest.recall(), Some(at(0.01)));
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }
