@@ -1,17 +1,17 @@
 //! Accuracy of the sensor's position on the head, estimated from play together with the time offset.
 //!
 //!     cargo run --release -p lab --example mount -- [FIRST..END] [--world=NAME …] [--headset=NAME …] [--preset=d16] \
-//!         [--effects=none] [--no-hands] [--no-visitor]
+//!         [--effects=none] [--no-hands] [--no-visitor] [--gross]
 //!
 //! Seeds 0..10, world points, headsets nominal, lighthouse, inside-out and poor by default. Each seed is another room
-//! and another mount, assumed wrong by up to 8 cm and 20°. The sensor has its measured imperfections.
+//! and another mount, assumed wrong by up to 8 cm and 20°; with `--gross`, by 90 or 180°. The sensor has its measured imperfections.
 
 use a121::preset;
-use lab::experiments::accuracy::mount_table;
+use lab::experiments::accuracy::{gross_table, mount_table};
 use radar_simulation::{Headset, PlaySession, PlayWorld, SensorEffects};
 
 fn main() {
-    let (mut seeds, mut worlds, mut headsets) = (0..10, Vec::new(), Vec::new());
+    let (mut seeds, mut worlds, mut headsets, mut gross) = (0..10, Vec::new(), Vec::new(), false);
     let config = preset("d16").expect("d16 exists");
     let mut session = PlaySession { effects: SensorEffects::MEASURED, ..PlaySession::new(config, 0) };
     for argument in std::env::args().skip(1) {
@@ -23,6 +23,7 @@ fn main() {
             Some(_) => panic!("unknown argument {argument}"),
             None if argument == "--no-hands" => session.hands = false,
             None if argument == "--no-visitor" => session.visitor = false,
+            None if argument == "--gross" => gross = true,
             None => {
                 let (first, end) = argument.split_once("..").expect("FIRST..END");
                 seeds = first.parse().expect("a seed")..end.parse().expect("a seed");
@@ -35,6 +36,6 @@ fn main() {
     if headsets.is_empty() {
         headsets = vec![Headset::Nominal, Headset::Lighthouse, Headset::InsideOut, Headset::Poor];
     }
-    let table = mount_table(&session, &worlds, &headsets, &seeds);
+    let table = if gross { gross_table } else { mount_table }(&session, &worlds, &headsets, &seeds);
     println!("{}\n{}", table.aligned(), table.caption);
 }

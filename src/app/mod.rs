@@ -44,7 +44,7 @@ pub use headset::{
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
-pub use mount_memory::known_mounts;
+pub use mount_memory::{correction_text, known_mounts};
 pub use pose_tail::{PoseTail, PoseTailCounters};
 pub use priority::lower_priority_of_this_thread;
 pub use queue::{Dropped, Received};

@@ -71,6 +71,12 @@ fn read(path: &Path) -> Result<BTreeMap<String, MountInUse>> {
     serde_json::from_str(&text).with_context(about)
 }
 
+/// By how much the mount in use differs from the assumed one.
+pub fn correction_text(mount: &MountInUse) -> String {
+    let (by_mm, by_deg) = (mount.correction_m() * 1e3, mount.correction_rad().to_degrees());
+    if by_deg < 0.5 { format!("{by_mm:.0} mm") } else { format!("{by_mm:.0} mm and {by_deg:.0}°") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

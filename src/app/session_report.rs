@@ -7,7 +7,9 @@ use serde_json::{Value, json};
 
 use radar_mapping::MountInUse;
 
-use super::{Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters};
+use super::{
+    Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters, correction_text,
+};
 
 /// Results of a session.
 pub struct SessionReport {
@@ -114,10 +116,10 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
     if let Some(sigma_s) = report.time_offset_sigma_s {
         outln!("Time      offset {:.1} ± {:.1} ms in use", ms(report.time_offset_s), ms(sigma_s))?;
     }
-    if let Some(mount) = report.mount.filter(|mount| mount.correction_m() > 0.0) {
+    if let Some(mount) = report.mount.filter(|mount| mount.is_corrected()) {
         let [x, y, z] = mount.in_use.translation.to_array();
-        let correction_mm = mount.correction_m() * 1e3;
-        outln!("Mount     sensor at ({x:.3}, {y:.3}, {z:.3}) m on the head, corrected by {correction_mm:.0} mm")?;
+        let correction = correction_text(&mount);
+        outln!("Mount     sensor at ({x:.3}, {y:.3}, {z:.3}) m on the head, corrected by {correction}")?;
     }
     outln!(
         "Overlays  {pictures} pictures handed over; recentred {recentred} times, map reset {map_resets}, graphics device \

@@ -9,6 +9,7 @@ use clap::Args;
 use super::files::{SettingsArguments, read_streams};
 use crate::app::progress;
 use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot, write_atomically};
+use glam::DVec3;
 use radar_mapping::{MountEstimate, OffsetWindow, Synchronisation, synchronisation};
 
 /// Margin of the enlarged figure before and after the first window, seconds. Choice: the onset of
@@ -112,11 +113,12 @@ fn mount_text(mount: Option<&MountEstimate>) -> String {
         let (position_mm, sigma_mm) = (sign * position_m[k] * 1e3, sigma_m[k] * 1e3);
         text += &format!("{title:<11}{position_mm:+7.1} ± {sigma_mm:.1} mm {axis}: {state}\n");
     }
-    if contradicts.contains(&true) {
+    text += &format!("{:<11}{}\n", "Direction", direction_text(mount));
+    if contradicts.contains(&true) || mount.contradicts_direction() {
         // What was not observed, and what agrees, stays as it is set.
         let new = |k: usize| if contradicts[k] { position_m[k] } else { mount.assumed.translation[k] };
         let [x, y, z] = [0, 1, 2].map(new);
-        let q = mount.assumed.rotation;
+        let q = if mount.contradicts_direction() { mount.turned() } else { mount.assumed.rotation };
         text += &format!(
             "           --set 'tracking.mount={{ translation = [{x:.4}, {y:.4}, {z:.4}], \
              rotation = [{:.4}, {:.4}, {:.4}, {:.4}] }}' sets it\n",
@@ -124,6 +126,24 @@ fn mount_text(mount: Option<&MountEstimate>) -> String {
         );
     }
     text
+}
+
+/// Where the sensor faces, and which motion makes it observable when it is not.
+fn direction_text(mount: &MountEstimate) -> String {
+    let (Some(facing), Some(turn_rad)) = (mount.facing, mount.turn_rad()) else {
+        return "not observed: turn the head towards objects and away from them".to_owned();
+    };
+    let DVec3 { x, y, z } = facing.direction;
+    let side = |degrees: f64, positive: &str, negative: &str| {
+        format!("{:.0}° {}", degrees.abs(), if degrees >= 0.0 { positive } else { negative })
+    };
+    let right = side(x.atan2(-z).to_degrees(), "to the right", "to the left");
+    let up = side(y.clamp(-1.0, 1.0).asin().to_degrees(), "up", "down");
+    let state = match mount.contradicts_direction() {
+        true => format!("{:.0}° from where it is set to face", turn_rad.to_degrees()),
+        false => "as it is set".to_owned(),
+    };
+    format!("{right}, {up} of the head's, ± {:.0}°: {state}", facing.sigma_rad.to_degrees())
 }
 
 fn table(trial: &Synchronisation) -> Table {

@@ -4,7 +4,7 @@
 use anyhow::Result;
 
 use super::findings::Findings;
-use crate::app::{known_mounts, registration_trouble};
+use crate::app::{correction_text, known_mounts, registration_trouble};
 use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Universe};
 
 /// Checks SteamVR. A computer without SteamVR has nothing to fix: it records and replays.
@@ -81,8 +81,8 @@ fn check_mount(findings: &Findings, headset: &str) -> Result<()> {
             .ok("Mount", "not known from a session yet: `run` finds where the sensor is as you look around");
     };
     let [x, y, z] = mount.in_use.translation.to_array();
-    let correction_mm = mount.correction_m() * 1e3;
-    let place = format!("sensor at ({x:.3}, {y:.3}, {z:.3}) m on the head, {correction_mm:.0} mm from where it is set");
+    let correction = correction_text(&mount);
+    let place = format!("sensor at ({x:.3}, {y:.3}, {z:.3}) m on the head, {correction} from where it is set");
     match mount.is_contradicted() {
         false => findings.ok("Mount", &place),
         true => findings.warn("Mount", &format!("{place}, which the data contradict: `calibrate` shows more")),

@@ -9,7 +9,7 @@ use clap::Args;
 use super::files::{SettingsArguments, refuse_overwriting, warn_of_damage};
 use super::results::Results;
 use super::view::{ReplayEnd, ViewArguments};
-use crate::app::progress;
+use crate::app::{correction_text, progress};
 use crate::report::{
     CalibrationReport, CloudPoint, Figure, Limits, Report, RoomMap, Section, Table, room_map, score, write_cloud,
     write_obstacles_json, write_ply,
@@ -304,10 +304,10 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper, sparse: Option<&Sparse
 fn mount(mount: &MountInUse) -> Option<String> {
     let at =
         |pose: &Pose| format!("({:.3}, {:.3}, {:.3}) m", pose.translation.x, pose.translation.y, pose.translation.z);
-    let (assumed, correction_mm) = (at(&mount.assumed), mount.correction_m() * 1e3);
-    match (mount.correction_m() > 0.0, mount.is_contradicted()) {
+    let (assumed, correction) = (at(&mount.assumed), correction_text(mount));
+    match (mount.is_corrected(), mount.is_contradicted()) {
         (true, _) => Some(format!(
-            "mount {} on the head, corrected by {correction_mm:.0} mm: it is set to {assumed}; `calibrate` shows more",
+            "mount {} on the head, corrected by {correction}: it is set to {assumed}; `calibrate` shows more",
             at(&mount.in_use)
         )),
         (false, true) => {

@@ -27,7 +27,7 @@ struct File<'a> {
     mount: Option<MountEntry>,
 }
 
-/// Position of the sensor on the head: assumed, in use, and as estimated with its 1σ, axis by axis.
+/// The sensor on the head: position assumed, in use, and as estimated with its 1σ, axis by axis.
 #[derive(Serialize)]
 struct MountEntry {
     assumed_m: [f64; 3],
@@ -35,6 +35,9 @@ struct MountEntry {
     estimate_m: Option<[f64; 3]>,
     estimate_sigma_m: Option<[f64; 3]>,
     observed: [bool; 3],
+    /// Unit vector in which the sensor faces in the head's frame, as estimated, and its 1σ, rad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    facing: Option<([f64; 3], f64)>,
 }
 
 /// Calibration of sensor and headset, as written to the file.
@@ -138,12 +141,14 @@ pub fn write_obstacles_json(
 fn mount_entry(mount: &MountInUse) -> Result<MountEntry, ReportError> {
     let finite = |of: DVec3| vector(of, || "mount".into());
     let estimate = mount.estimate.map(|estimate| (estimate.position_m, estimate.sigma_m()));
+    let facing = mount.estimate.and_then(|estimate| estimate.facing);
     Ok(MountEntry {
         assumed_m: finite(mount.assumed.translation)?,
         in_use_m: finite(mount.in_use.translation)?,
         estimate_m: estimate.map(|(position_m, _)| finite(position_m)).transpose()?,
         estimate_sigma_m: estimate.map(|(_, sigma_m)| finite(sigma_m)).transpose()?,
         observed: mount.estimate.map_or([false; 3], |estimate| estimate.observed),
+        facing: facing.map(|facing| Ok((finite(facing.direction)?, facing.sigma_rad))).transpose()?,
     })
 }
 

@@ -4,7 +4,7 @@
 //! An estimate is applied when it is accurate and differs significantly.
 
 use radar_sar::geometry::Pose;
-use radar_sar::{Calibration, CalibrationSettings, Observation, SelfCalibration, TimeOffset};
+use radar_sar::{Beam, Calibration, CalibrationSettings, Observation, SelfCalibration, TimeOffset};
 use serde::{Deserialize, Serialize};
 
 use super::mount_control::MountControl;
@@ -57,14 +57,14 @@ pub struct MountCounters {
 pub(crate) struct CalibrationChange {
     /// Of the time offset, seconds.
     pub time_offset_s: f64,
-    /// Distance that the sensor moves on the head, metres.
-    pub mount_m: f64,
+    /// Distance that the sensor moves on the head, metres, 0 when it only turns; `None` when the mount stays.
+    pub mount_m: Option<f64>,
 }
 
 impl CalibrationChange {
     /// Whether evidence that was gathered before still fits evidence that comes now.
     pub fn is_harmless(&self) -> bool {
-        self.time_offset_s.abs() < MAX_HARMLESS_OFFSET_CHANGE_S && self.mount_m == 0.0
+        self.time_offset_s.abs() < MAX_HARMLESS_OFFSET_CHANGE_S && self.mount_m.is_none()
     }
 }
 
@@ -82,6 +82,7 @@ pub(crate) struct CalibrationControl {
     found: Option<Calibration>,
     guard: OffsetGuard,
     mount: MountControl,
+    beam: Beam,
     next_estimate_ns: Option<i64>,
     /// Sweeps from this time on are used for the next estimate.
     listen_from_ns: i64,
@@ -90,7 +91,7 @@ pub(crate) struct CalibrationControl {
 
 impl CalibrationControl {
     /// `head_from_sensor`: the assumed mount.
-    pub fn new(tracking: &TrackingSettings, head_from_sensor: &Pose) -> Self {
+    pub fn new(tracking: &TrackingSettings, beam: &Beam, head_from_sensor: &Pose) -> Self {
         let settings = CalibrationSettings::new(tracking.time_offset_s, tracking.errors);
         let estimates = tracking.estimate_time_offset || tracking.estimate_mount;
         Self {
@@ -102,6 +103,7 @@ impl CalibrationControl {
             found: None,
             guard: OffsetGuard::default(),
             mount: MountControl::new(head_from_sensor, tracking.estimate_mount),
+            beam: beam.clone(),
             next_estimate_ns: None,
             listen_from_ns: i64::MIN,
             counters: TimeOffsetCounters::default(),
@@ -178,9 +180,10 @@ impl CalibrationControl {
         self.counters.estimates += 1;
         let found = self.found?;
         let time_offset_s = if self.estimates_offset { self.update_offset(now_ns, &found.time_offset) } else { None };
-        let mount_m = self.mount.update(now_ns, &found);
-        (time_offset_s.is_some() || mount_m.is_some())
-            .then(|| CalibrationChange { time_offset_s: time_offset_s.unwrap_or(0.0), mount_m: mount_m.unwrap_or(0.0) })
+        let boresight = self.estimator.as_ref().and_then(|estimator| estimator.boresight(&self.beam));
+        let mount_m = self.mount.update(now_ns, &found, boresight.as_ref());
+        let is_changed = time_offset_s.is_some() || mount_m.is_some();
+        is_changed.then(|| CalibrationChange { time_offset_s: time_offset_s.unwrap_or(0.0), mount_m })
     }
 
     /// By how much the offset in use changed, seconds.
@@ -188,7 +191,7 @@ impl CalibrationControl {
         self.counters.tracks = estimate.tracks as u64;
         self.counters.tracks_left_out = estimate.tracks_left_out as u64;
         let is_known = estimate.observable && estimate.sigma_s <= self.max_sigma_s;
-        let change = CalibrationChange { time_offset_s: estimate.offset_s - self.in_use_s, mount_m: 0.0 };
+        let change = CalibrationChange { time_offset_s: estimate.offset_s - self.in_use_s, mount_m: None };
         if !(self.guard.allows(now_ns, is_known, !change.is_harmless()) && self.is_better(estimate)) {
             return None;
         }

@@ -91,7 +91,7 @@ impl Mapper {
         let observer_settings =
             ObserverSettings { history: tracking.history, head_from_sensor, time_offset_s: tracking.time_offset_s };
         let (mut observer, search) = (Observer::new(config, observer_settings), Search::new(config, settings));
-        let calibration = CalibrationControl::new(tracking, &head_from_sensor);
+        let calibration = CalibrationControl::new(tracking, &settings.radar.beam, &head_from_sensor);
         if calibration.is_active() {
             observer.keep_poses_s(search.pose_retention_s(settings));
         }

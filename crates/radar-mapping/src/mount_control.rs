@@ -1,8 +1,8 @@
 //! When an estimate of the mount is applied.
 
-use glam::DVec3;
-use radar_sar::Calibration;
+use glam::{DQuat, DVec3};
 use radar_sar::geometry::Pose;
+use radar_sar::{Boresight, Calibration};
 
 use super::{MountCounters, MountEstimate, MountInUse};
 
@@ -30,6 +30,8 @@ pub(crate) struct MountControl {
     is_applied: bool,
     /// Shift of the mount in use against the assumed one, in the sensor's axes, metres.
     shift_m: DVec3,
+    /// Its rotation, `head_from_sensor`.
+    rotation: DQuat,
     estimate: Option<MountEstimate>,
     next_change_ns: Option<i64>,
     counters: MountCounters,
@@ -41,6 +43,7 @@ impl MountControl {
             assumed: *head_from_sensor,
             is_applied,
             shift_m: DVec3::ZERO,
+            rotation: head_from_sensor.rotation,
             estimate: None,
             next_change_ns: None,
             counters: MountCounters::default(),
@@ -49,7 +52,7 @@ impl MountControl {
 
     /// The mount in use, `head_from_sensor`.
     pub fn in_use(&self) -> Pose {
-        self.assumed * Pose::from_translation(self.shift_m)
+        Pose { translation: self.assumed.transform_point(self.shift_m), rotation: self.rotation }
     }
 
     /// With the last estimate.
@@ -64,8 +67,8 @@ impl MountControl {
         let turn = earlier.assumed.rotation.dot(self.assumed.rotation).abs();
         // Text rounds numbers.
         let is_same = earlier.assumed.translation.distance(self.assumed.translation) < 1e-6 && 1.0 - turn < 1e-9;
-        if self.is_applied && is_same && shift_m.length() <= MAX_RESUMED_M {
-            self.shift_m = shift_m;
+        if self.is_applied && is_same && shift_m.length() <= MAX_RESUMED_M && earlier.in_use.rotation.is_normalized() {
+            (self.shift_m, self.rotation) = (shift_m, earlier.in_use.rotation);
         }
     }
 
@@ -74,8 +77,9 @@ impl MountControl {
     }
 
     /// Takes an estimate. Returns the distance that the sensor moves, metres, when the mount in use changes.
-    pub fn update(&mut self, now_ns: i64, found: &Calibration) -> Option<f64> {
-        self.estimate = Some(MountEstimate::new(&self.assumed, found));
+    pub fn update(&mut self, now_ns: i64, found: &Calibration, boresight: Option<&Boresight>) -> Option<f64> {
+        let estimate = MountEstimate::new(&self.assumed, found, boresight);
+        self.estimate = Some(estimate);
         // Backward times must not lengthen the pause.
         self.next_change_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > PAUSE_NS);
         if !self.is_applied || self.next_change_ns.is_some_and(|next_ns| now_ns < next_ns) {
@@ -86,9 +90,16 @@ impl MountControl {
             let bound_m = MIN_CHANGE_M.max(SIGNIFICANT * sigma_m(found, axis));
             (wanted_m[axis] - self.shift_m[axis]).abs() > bound_m
         };
-        (0..3).any(is_wrong).then(|| {
-            let moved_m = wanted_m.distance(self.shift_m);
+        let is_turned = MountEstimate { assumed: self.in_use(), ..estimate }.contradicts_direction();
+        if is_turned {
+            self.rotation = estimate.turned();
+        }
+        let is_shifted = (0..3).any(is_wrong);
+        let moved_m = if is_shifted { wanted_m.distance(self.shift_m) } else { 0.0 };
+        if is_shifted {
             self.shift_m = wanted_m;
+        }
+        (is_turned || is_shifted).then(|| {
             self.next_change_ns = Some(now_ns.saturating_add(PAUSE_NS));
             self.counters.changes += 1;
             moved_m
@@ -140,8 +151,7 @@ mod tests {
     fn known_axes_are_corrected_in_the_heads_frame_and_others_left() {
         let assumed = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
         let mut mount = MountControl::new(&assumed, true);
-        let moved_m = mount.update(0, &found(DVec3::new(0.03, 0.02, -0.04), DVec3::new(2e-3, 20e-3, 6e-3)));
-        assert!((moved_m.unwrap() - 0.05).abs() < 1e-12, "{moved_m:?}");
+        assert!(mount.update(0, &found(DVec3::new(0.03, 0.02, -0.04), DVec3::new(2e-3, 20e-3, 6e-3)), None).is_some());
         // The sensor's x axis is the head's −z axis, its z axis the head's x axis.
         let expected_m = assumed.translation + DVec3::new(-0.04, 0.0, -0.03);
         assert!(mount.in_use().translation.distance(expected_m) < 1e-12, "{:?}", mount.in_use());
@@ -153,24 +163,50 @@ mod tests {
     fn small_uncertain_and_frequent_changes_are_not_made() {
         let mut mount = MountControl::new(&Pose::IDENTITY, true);
         let sharp = DVec3::splat(1e-3);
-        assert_eq!(mount.update(0, &found(DVec3::splat(4e-3), sharp)), None, "small");
-        assert_eq!(mount.update(S, &found(DVec3::splat(15e-3), DVec3::splat(4e-3))), None, "uncertain");
-        assert!(mount.update(2 * S, &found(DVec3::X * 20e-3, sharp)).is_some());
-        assert_eq!(mount.update(3 * S, &found(DVec3::X * 30e-3, sharp)), None, "so soon");
-        assert!(mount.update(8 * S, &found(DVec3::X * 30e-3, sharp)).is_some());
+        assert_eq!(mount.update(0, &found(DVec3::splat(4e-3), sharp), None), None, "small");
+        assert_eq!(mount.update(S, &found(DVec3::splat(15e-3), DVec3::splat(4e-3)), None), None, "uncertain");
+        assert!(mount.update(2 * S, &found(DVec3::X * 20e-3, sharp), None).is_some());
+        assert_eq!(mount.update(3 * S, &found(DVec3::X * 30e-3, sharp), None), None, "so soon");
+        assert!(mount.update(8 * S, &found(DVec3::X * 30e-3, sharp), None).is_some());
         assert_eq!(mount.counters().changes, 2);
         assert!(mount.is_settled(&found(DVec3::new(32e-3, 9e-3, 0.0), DVec3::splat(5e-3))));
         assert!(!mount.is_settled(&found(DVec3::new(32e-3, 11e-3, 0.0), DVec3::splat(5e-3))), "it may be wrong");
         let mut fixed = MountControl::new(&Pose::IDENTITY, false);
-        assert_eq!(fixed.update(0, &found(DVec3::X * 50e-3, sharp)), None);
+        assert_eq!(fixed.update(0, &found(DVec3::X * 50e-3, sharp), None), None);
         assert!(fixed.state().is_contradicted() && fixed.in_use() == Pose::IDENTITY);
+    }
+
+    #[test]
+    fn a_sensor_that_faces_elsewhere_is_turned_once_that_is_certain() {
+        let assumed = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_y(0.3));
+        let mut mount = MountControl::new(&assumed, true);
+        let nothing = found(DVec3::ZERO, DVec3::splat(1e-3));
+        // To the left in the sensor's axes.
+        let facing = |angle_rad: f64, observable: bool| Boresight {
+            direction: DQuat::from_rotation_y(angle_rad) * DVec3::NEG_Z,
+            sigma_rad: 0.04,
+            tracks: 30,
+            observable,
+        };
+        assert_eq!(mount.update(0, &nothing, Some(&facing(0.15, true))), None, "small");
+        assert_eq!(mount.update(S, &nothing, Some(&facing(1.5, false))), None, "not observed");
+        for turn_rad in [1.5, std::f64::consts::PI] {
+            let mut mount = MountControl::new(&assumed, true);
+            assert!(mount.update(0, &nothing, Some(&facing(turn_rad, true))) == Some(0.0), "{turn_rad}");
+            let expected = assumed.transform_vector(facing(turn_rad, true).direction);
+            assert!(mount.in_use().forward().angle_between(expected) < 1e-6);
+            assert!((mount.state().correction_rad() - turn_rad).abs() < 1e-6);
+            assert!(mount.in_use().translation.distance(assumed.translation) < 1e-12);
+            assert!(!mount.state().is_contradicted());
+            assert_eq!(mount.update(9 * S, &nothing, Some(&facing(turn_rad, true))), None);
+        }
     }
 
     #[test]
     fn the_mount_of_an_earlier_session_is_resumed_while_the_assumed_one_stays() {
         let assumed = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_y(0.3));
         let mut before = MountControl::new(&assumed, true);
-        before.update(0, &found(DVec3::X * 30e-3, DVec3::splat(1e-3))).unwrap();
+        assert!(before.update(0, &found(DVec3::X * 30e-3, DVec3::splat(1e-3)), None).is_some());
         let after = |assumed: Pose, is_applied: bool| {
             let mut mount = MountControl::new(&assumed, is_applied);
             mount.resume(&before.state());

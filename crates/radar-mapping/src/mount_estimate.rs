@@ -1,8 +1,8 @@
-//! The sensor's position on the head: assumed, in use, and as estimated.
+//! The sensor's position and direction on the head: assumed, in use, and as estimated.
 
-use glam::{DMat3, DVec3};
-use radar_sar::Calibration;
+use glam::{DMat3, DQuat, DVec3};
 use radar_sar::geometry::Pose;
+use radar_sar::{Boresight, Calibration};
 use serde::{Deserialize, Serialize};
 
 /// An axis counts as observed up to this 1σ, metres. Choice: a sensor that is 1 cm off displaces a near object by as
@@ -12,6 +12,17 @@ const OBSERVED_M: f64 = 10e-3;
 /// the tracking leave errors larger than a Gaussian's; a ruler is no better than 5 mm.
 const SIGNIFICANT: f64 = 4.0;
 const MIN_CONTRADICTION_M: f64 = 5e-3;
+/// The assumed direction is contradicted from this angle on as well, rad. Choice: 10°; the lensless beam is 60° wide.
+pub(crate) const MIN_CONTRADICTION_RAD: f64 = 0.1745;
+
+/// Where the sensor faces.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FacingEstimate {
+    /// Unit vector in the head's frame.
+    pub direction: DVec3,
+    /// 1σ of a turn about the less certain axis, rad.
+    pub sigma_rad: f64,
+}
 
 /// Where the sensor is on the head.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -24,15 +35,22 @@ pub struct MountEstimate {
     pub assumed: Pose,
     /// Whether the motion made it observable along the head's x, y and z axes.
     pub observed: [bool; 3],
+    /// `None` when the motion did not make the direction observable.
+    #[serde(default)]
+    pub facing: Option<FacingEstimate>,
 }
 
 impl MountEstimate {
-    /// From the corrections of a sensor that was assumed at `assumed`, a `head_from_sensor`.
-    pub fn new(assumed: &Pose, found: &Calibration) -> Self {
+    /// From the corrections and the direction of a sensor that was assumed at `assumed`, a `head_from_sensor`.
+    pub fn new(assumed: &Pose, found: &Calibration, boresight: Option<&Boresight>) -> Self {
         let head_from_axes = DMat3::from_quat(assumed.rotation);
         let position_m = assumed.translation + head_from_axes * found.mount_shift_m;
         let covariance_m2 = head_from_axes * found.mount_covariance_m2 * head_from_axes.transpose();
-        let estimate = Self { position_m, covariance_m2, assumed: *assumed, observed: [false; 3] };
+        let facing = boresight.filter(|found| found.observable).map(|found| FacingEstimate {
+            direction: assumed.transform_vector(found.direction),
+            sigma_rad: found.sigma_rad,
+        });
+        let estimate = Self { position_m, covariance_m2, assumed: *assumed, observed: [false; 3], facing };
         let observed = estimate.sigma_m().to_array().map(|sigma_m| sigma_m <= OBSERVED_M);
         Self { observed, ..estimate }
     }
@@ -54,6 +72,23 @@ impl MountEstimate {
         let bound_m = |k: usize| (SIGNIFICANT * sigma_m[k]).max(MIN_CONTRADICTION_M);
         std::array::from_fn(|k| self.observed[k] && shift_m[k].abs() > bound_m(k))
     }
+
+    /// Angle from the assumed direction, rad.
+    pub fn turn_rad(&self) -> Option<f64> {
+        self.facing.map(|facing| facing.direction.angle_between(self.assumed.forward()))
+    }
+
+    /// Whether it contradicts the assumed direction.
+    pub fn contradicts_direction(&self) -> bool {
+        let bound_rad = |facing: FacingEstimate| (SIGNIFICANT * facing.sigma_rad).max(MIN_CONTRADICTION_RAD);
+        self.facing.is_some_and(|facing| self.turn_rad() > Some(bound_rad(facing)))
+    }
+
+    /// The assumed rotation, turned the shortest way to the estimated direction.
+    pub fn turned(&self) -> DQuat {
+        let turn = |facing: FacingEstimate| DQuat::from_rotation_arc(self.assumed.forward(), facing.direction);
+        self.facing.map_or(self.assumed.rotation, |facing| (turn(facing) * self.assumed.rotation).normalize())
+    }
 }
 
 /// The mount that sweeps get their poses with, and where it comes from.
@@ -73,10 +108,20 @@ impl MountInUse {
         self.in_use.translation.distance(self.assumed.translation)
     }
 
-    /// Whether the last estimate contradicts the mount in use in an axis of the head.
+    /// Angle of the direction in use from the assumed one, rad.
+    pub fn correction_rad(&self) -> f64 {
+        self.in_use.forward().angle_between(self.assumed.forward())
+    }
+
+    /// Whether the mount in use differs from the assumed one.
+    pub fn is_corrected(&self) -> bool {
+        self.in_use != self.assumed
+    }
+
+    /// Whether the last estimate contradicts the mount in use in an axis of the head, or its direction.
     pub fn is_contradicted(&self) -> bool {
-        let against = |estimate: MountEstimate| MountEstimate { assumed: self.in_use, ..estimate }.contradicts();
-        self.estimate.is_some_and(|estimate| against(estimate).contains(&true))
+        let against = |estimate: MountEstimate| MountEstimate { assumed: self.in_use, ..estimate };
+        self.estimate.map(against).is_some_and(|it| it.contradicts().contains(&true) || it.contradicts_direction())
     }
 
     /// Whether the motion made the position observable in each axis of the head.

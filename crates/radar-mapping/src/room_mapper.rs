@@ -478,7 +478,7 @@ mod tests {
     }
 
     fn correct(mapper: &mut RoomMapper) {
-        let change = CalibrationChange { time_offset_s: 0.0, mount_m: SHIFT_M.length() };
+        let change = CalibrationChange { time_offset_s: 0.0, mount_m: Some(SHIFT_M.length()) };
         mapper.image_again(&change, |sweep| {
             sweep.tracking_from_sensor.translation -= SHIFT_M;
             true

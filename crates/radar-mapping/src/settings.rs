@@ -63,7 +63,7 @@ pub struct TrackingSettings {
     pub estimate_time_offset: bool,
     /// An estimate is applied when its 1σ is at most this, seconds.
     pub max_time_offset_sigma_s: f64,
-    /// Whether the sensor's position on the head is estimated from the data, about the mount, and applied.
+    /// Whether the sensor's position and direction on the head are estimated from the data, about the mount, and applied.
     pub estimate_mount: bool,
     /// Pose of the sensor on the head; left out: that of the recording.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -13,7 +13,8 @@
 //!   front of walls.
 //! - [`refine`]: from a voxel to a position with its covariance; [`cramer_rao_bound`]: how well it
 //!   could be known.
-//! - [`SelfCalibration`]: time offset between poses and sweeps, and the sensor's position on the head, from echoes.
+//! - [`SelfCalibration`]: time offset between poses and sweeps, and the sensor's position on the head and its direction,
+//!   from echoes.
 //! - [`Preselector`] and [`Selection`]: which sweeps to use.
 //! - [`Oracle`]: every statistic slowly, straight from its formula, in f64. All fast paths are
 //!   tested against it.
@@ -127,7 +128,7 @@ pub use refine::{JointFit, PositionErrors, Refined, best_pair, refine, split};
 pub use selection::{
     Preselection, PreselectionCounters, Preselector, Selection, UnknownSelection, farthest_points, random,
 };
-pub use self_calibration::{Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
+pub use self_calibration::{Boresight, Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
 pub use setting_bounds::{BoundedSettings, SettingBound, SettingOutOfBounds};
 pub use signal::{distance_falloff, envelope, template};
 pub use simd::{INSTRUCTIONS_VARIABLE, InstructionSet, UnknownInstructionSet};

@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::{Input, PublishedMap, Shared, lock};
 use crate::app::latency_tracker::LatencyTracker;
 use crate::app::queue::Queue;
-use crate::app::{Latency, Received, now_ns, thread_cpu_ns};
+use crate::app::{Latency, Received, correction_text, now_ns, thread_cpu_ns};
 use crate::settings::Settings;
 use a121::SensorConfig;
 use radar_mapping::{Event, Scene};
@@ -239,10 +239,8 @@ impl Worker {
         let mount = self.mapper.mount();
         if self.published.mount.is_some_and(|before| before.in_use != mount.in_use) {
             let [x, y, z] = mount.in_use.translation.to_array();
-            let correction_mm = mount.correction_m() * 1e3;
-            log::info!(
-                "the sensor is at ({x:.3}, {y:.3}, {z:.3}) m on the head, {correction_mm:.0} mm from where it is set"
-            );
+            let correction = correction_text(&mount);
+            log::info!("the sensor is at ({x:.3}, {y:.3}, {z:.3}) m on the head, {correction} from where it is set");
         }
         mount
     }

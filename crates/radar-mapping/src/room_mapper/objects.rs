@@ -214,7 +214,7 @@ impl ObjectMap {
     pub fn distrust(&mut self, change: &CalibrationChange) {
         self.tracks.distrust();
         self.existences.values_mut().for_each(Existence::distrust);
-        let off_m = change.mount_m + change.time_offset_s.abs() * TYPICAL_SPEED_M_PER_S;
+        let off_m = change.mount_m.unwrap_or(0.0) + change.time_offset_s.abs() * TYPICAL_SPEED_M_PER_S;
         for (quality, refined) in self.refined.values_mut() {
             *quality = 0.0;
             refined.covariance_m2 += DMat3::from_diagonal(DVec3::splat(off_m * off_m / 3.0));

@@ -1,4 +1,4 @@
-//! The sensor's position on the head, from a whole recording.
+//! The sensor's position and direction on the head, from a whole recording.
 
 use radar_sar::geometry::Pose;
 use radar_sar::{CalibrationSettings, SelfCalibration};
@@ -33,5 +33,5 @@ pub(super) fn mount(
     path.for_each(|at| estimator.push_path(at.time_ns, &at.tracking_from_sensor, at.velocity_m_per_s));
     let found = estimator.estimate()?;
     let assumed = settings.tracking.mount.unwrap_or(*head_from_sensor);
-    Some(MountEstimate::new(&assumed, &found))
+    Some(MountEstimate::new(&assumed, &found, estimator.boresight(&settings.radar.beam).as_ref()))
 }

@@ -38,6 +38,8 @@ pub(super) struct Echo {
     /// Phase at that range in the group's middle sweep, rad, and the time its point was sampled.
     pub phase_rad: f64,
     pub phase_time_ns: i64,
+    /// Logarithm of its amplitude without the noise's share, in units common to the subsweep.
+    pub ln_amplitude: f64,
 }
 
 /// Extracts the echoes of one subsweep.
@@ -101,6 +103,7 @@ impl EchoReader {
                 variance_m2: 1.0 / (pulse_curvature * peak * sweeps),
                 phase_rad: math::arg(middle_sweep.at(range_m)),
                 phase_time_ns: self.group[middle].0 + point_ns,
+                ln_amplitude: 0.5 * math::ln(peak - 1.0) + math::ln(noise_rms),
             })
         };
         (1..power.len().saturating_sub(1)).filter_map(echo).collect()

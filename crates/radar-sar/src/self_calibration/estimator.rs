@@ -6,6 +6,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::boresight::{Aspects, Boresight, boresight};
 use super::combination::{Combination, TrackTerm, combine};
 use super::corrections::{BIAS, CORRECTIONS, Corrections, Matrix, OFFSET, Quadratic, SHIFT};
 use super::echoes::EchoReader;
@@ -15,7 +16,7 @@ use super::track_fit::{MARGIN_NS, TrackFit};
 use super::tracks::{Track, Tracks};
 use crate::geometry::Pose;
 use crate::math;
-use crate::{Observation, PositionErrors};
+use crate::{Beam, Observation, PositionErrors};
 
 /// Nearest range used, metres. Measured: in the vendor's recordings the antenna's leakage reaches
 /// to 0.1 m, in profile 3 its tail to 0.2 m.
@@ -155,6 +156,8 @@ pub struct SelfCalibration {
     /// Information of former tracks on the mount and the range bias, at the corrections `known_at`.
     known: Quadratic,
     known_at: Corrections,
+    /// Directions and amplitudes of former tracks.
+    former_aspects: VecDeque<Aspects>,
     /// Where the last estimate ended; `None` before the first whose time offset was observed.
     last: Option<Point>,
 }
@@ -170,6 +173,7 @@ impl SelfCalibration {
             fitted: VecDeque::new(),
             known: Quadratic::default(),
             known_at: Corrections::default(),
+            former_aspects: VecDeque::new(),
             last: None,
         }
     }
@@ -215,6 +219,13 @@ impl SelfCalibration {
             self.last = Some(point);
         }
         Some(calibration)
+    }
+
+    /// Where the sensor faces, by the tracks' amplitudes and directions as of the last estimate; `None` while no track's
+    /// direction is known.
+    pub fn boresight(&self, beam: &Beam) -> Option<Boresight> {
+        let recent = self.fitted.iter().filter_map(|track| track.fit.aspects.as_ref());
+        boresight(self.former_aspects.iter().chain(recent), beam)
     }
 
     /// Moves tracks that the path covers to the fitted ones.
@@ -346,6 +357,10 @@ impl SelfCalibration {
         let since_ns = end_ns.saturating_sub(MEMORY_NS);
         let count = self.fitted.iter().take_while(|track| track.fit.last_ns < since_ns).count();
         let old: Vec<FittedTrack> = self.fitted.drain(..count).collect();
+        self.former_aspects.extend(old.iter().filter_map(|track| track.fit.aspects.clone()));
+        while self.former_aspects.len() > MAX_FITTED {
+            self.former_aspects.pop_front();
+        }
         let mut old_sum = Quadratic::default();
         for (term, weight) in self.terms(old.iter(), point).iter().zip(&combination.weights) {
             old_sum.add(&term.quadratic, weight / combination.disagreement);

@@ -7,11 +7,14 @@
 //! the corrections that all tracks share, with their covariance, by Gauss–Newton. How large the slow tracking error is
 //! is estimated from the tracks as well.
 //!
+//! Amplitudes are not used for these; they show where the sensor faces, as the head turns reflectors through the beam.
+//!
 //! It works on echoes alone and does not use the map, so a wrong map cannot mislead it. What the motion does not
 //! make observable keeps its prior standard deviation: without rotation the position is not observed, and along a straight path
 //! at constant speed an offset looks like depth.
 
 mod basis;
+mod boresight;
 mod combination;
 mod corrections;
 mod echoes;
@@ -23,4 +26,5 @@ mod reflector;
 mod track_fit;
 mod tracks;
 
+pub use boresight::Boresight;
 pub use estimator::{Calibration, CalibrationSettings, SelfCalibration, TimeOffset};

@@ -6,15 +6,18 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::basis::SlowErrorBasis;
+use super::boresight::{Aspect, Aspects};
 use super::corrections::{BIAS, CORRECTIONS, Corrections, OFFSET};
 use super::echoes::Echo;
 use super::information::Information;
 use super::normal_equations::NormalEquations;
 use super::path::{PathState, SensorPath};
 use super::reflector::{REFLECTOR, Reflector, ReflectorKind};
+use crate::math;
+use crate::symmetric::eigen;
 use crate::{PHASE_RAD_PER_M, PositionErrors, WAVELENGTH_M};
 
 /// Tangents of the starting directions off the boresight. Choice: five directions cover the beam.
@@ -54,6 +57,11 @@ pub(super) const PHASE_ERROR_M: f64 = 0.5e-3;
 /// Cost of an echo whose phase cannot be unwrapped. Choice: that of a residual of 2σ, so that an
 /// explanation which unwraps more phases wins.
 const NOT_UNWRAPPED_COST: f64 = 4.0;
+/// A reflector's direction is not known when a fit in another direction costs less than this more, that is, this far apart,
+/// rad, or when its 1σ is greater, rad. Choice: a likelihood ratio of e¹²; half the lensless beam; 11°.
+const RIVAL_COST: f64 = 25.0;
+const RIVAL_RAD: f64 = 0.3;
+const MAX_DIRECTION_SIGMA_RAD: f64 = 0.2;
 /// Steps of a descent. Choice: it converges in some ten; more means that nothing fits.
 const MAX_STEPS: usize = 25;
 /// Relative decrease of the cost below which a descent stops: for intermediate results, and for
@@ -69,6 +77,7 @@ pub(super) struct Row {
     pub variance_m2: f64,
     phase_m: f64,
     phase_time_ns: i64,
+    ln_amplitude: f64,
 }
 
 /// A track, prepared for fits. It keeps its explanations, from which the next fit starts.
@@ -78,6 +87,8 @@ pub(super) struct TrackFit {
     pub rows: Vec<Row>,
     pub basis: SlowErrorBasis,
     explanations: Vec<Explanation>,
+    /// `None` before the first fit, and while the reflector's direction is not known.
+    pub aspects: Option<Aspects>,
     pub first_ns: i64,
     pub last_ns: i64,
 }
@@ -143,12 +154,14 @@ impl TrackFit {
             variance_m2: e.variance_m2 + JITTER_M * JITTER_M,
             phase_m: e.phase_rad / PHASE_RAD_PER_M,
             phase_time_ns: e.phase_time_ns,
+            ln_amplitude: e.ln_amplitude,
         };
         Some(Self {
             forward: forward.normalize_or(DVec3::NEG_Z),
             rows: echoes.iter().map(row).collect(),
             basis: SlowErrorBasis::over(first_ns, last_ns, errors),
             explanations: Vec::new(),
+            aspects: None,
             first_ns,
             last_ns,
         })
@@ -164,6 +177,7 @@ impl TrackFit {
         };
         let fits = apart(starts.into_iter().filter_map(|start| problem.fitted(start)).collect());
         let information = Information::of(&problem, fits.first()?)?;
+        self.aspects = problem.aspects(&fits);
         self.explanations = fits.into_iter().map(|fit| fit.explanation).collect();
         Some(information)
     }
@@ -225,7 +239,19 @@ impl<'a> Problem<'a> {
             let (explanation, cost) = self.descend(start, &some, &[], COARSE_GAIN)?;
             Some(Fitted { explanation, weights: Vec::new(), segments: Vec::new(), cost })
         };
-        apart(starts.filter_map(fit).collect()).into_iter().map(|fit| fit.explanation).collect()
+        let mut fits: Vec<Fitted> = starts.filter_map(fit).collect();
+        let best = fits.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).map(|fit| fit.explanation.reflector);
+        fits.extend(best.and_then(|best| fit(self.mirrored(&best))));
+        apart(fits).into_iter().map(|fit| fit.explanation).collect()
+    }
+
+    /// The reflector's mirror image in the plane that the path is closest to: a path in a plane does not distinguish them.
+    fn mirrored(&self, of: &Reflector) -> Reflector {
+        let outer = |p: DVec3| DMat3::from_cols(p * p.x, p * p.y, p * p.z);
+        let spread = self.at_range.iter().map(|state| outer(state.position_m)).fold(DMat3::ZERO, |sum, of| sum + of);
+        let (values, vectors) = eigen(&spread);
+        let least = (0..3).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or(0);
+        Reflector { direction: of.direction.reflect(vectors.col(least)), ..*of }
     }
 
     /// Fit of all unknowns to the ranges, then to the phases too.
@@ -326,6 +352,50 @@ impl<'a> Problem<'a> {
             }
         }
         all
+    }
+
+    /// Directions and amplitudes of the echoes by the best fit; `None` when another fit is nearly as good with another
+    /// direction.
+    fn aspects(&self, fits: &[Fitted]) -> Option<Aspects> {
+        let (best, others) = fits.split_first()?;
+        let reflector = &best.explanation.reflector;
+        let is_rival = |fit: &Fitted| {
+            let apart = fit.explanation.reflector.direction.distance(reflector.direction);
+            fit.cost < best.cost + RIVAL_COST && apart > RIVAL_RAD
+        };
+        let covariance = self.direction_covariance(best)?;
+        let is_vague = covariance.x_axis.x + covariance.y_axis.y > MAX_DIRECTION_SIGMA_RAD.powi(2);
+        if is_vague || others.iter().any(is_rival) {
+            return None;
+        }
+        let (a, b) = reflector.direction.any_orthonormal_pair();
+        // Amplitudes fall with the square of a point's range, and with a plane's range.
+        let law = if reflector.kind == ReflectorKind::Point { 2.0 } else { 1.0 };
+        let aspect = |(row, state): (&Row, &PathState)| {
+            let sensor_from_tracking = state.tracking_from_sensor.transpose();
+            Aspect {
+                time_ns: row.time_ns,
+                direction: sensor_from_tracking * reflector.seen_from(state.position_m).1,
+                turns: [sensor_from_tracking * a, sensor_from_tracking * b],
+                displacement: DVec2::new(state.position_m.dot(a), state.position_m.dot(b)) / reflector.range_m,
+                ln_amplitude: row.ln_amplitude + law * math::ln(row.range_m),
+            }
+        };
+        Some(Aspects::new(self.rows().iter().zip(&self.at_range).map(aspect), covariance))
+    }
+
+    /// Covariance of the two rotations of a fit's direction, rad².
+    fn direction_covariance(&self, fit: &Fitted) -> Option<DMat2> {
+        let equations = self.equations(&fit.explanation, &fit.weights, &fit.segments);
+        let normal = self.normal_equations_at(fit, &equations);
+        let factor = normal.factor(0.0)?;
+        let column = |k: usize| {
+            let mut unit = vec![0.0; normal.right.len()];
+            unit[k] = 1.0;
+            factor.solve(&unit)
+        };
+        let (x, y) = (column(1), column(2));
+        Some(DMat2::from_cols_array(&[x[1], x[2], y[1], y[2]]))
     }
 
     /// Products of the slow error's derivatives, which are the same in every iteration.

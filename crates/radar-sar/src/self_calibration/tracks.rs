@@ -104,7 +104,7 @@ mod tests {
 
     fn echo(step: i64, range_m: f64) -> Echo {
         let time_ns = step * 8_000_000;
-        Echo { time_ns, range_m, variance_m2: 1e-6, phase_rad: 0.0, phase_time_ns: time_ns }
+        Echo { time_ns, range_m, variance_m2: 1e-6, phase_rad: 0.0, phase_time_ns: time_ns, ln_amplitude: 0.0 }
     }
 
     #[test]

@@ -6,7 +6,7 @@ mod reflector;
 mod rooms;
 mod time_offset;
 
-pub use mount::mount_table;
+pub use mount::{gross_table, mount_table};
 pub use pairs::{pair_calibration, pair_table, split_table};
 pub use reflector::{ErrorKind, REFLECTOR_TRIALS, ReflectorOptions, ReflectorTrial, reflector_table};
 pub use rooms::{RoomTrial, room_table};

@@ -12,12 +12,14 @@ use radar_chaperone::report::Table;
 use radar_chaperone::settings::Settings;
 use radar_mapping::{Event, Observer, ObserverSettings, in_time_order};
 use radar_sar::geometry::Pose;
-use radar_sar::{Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
+use radar_sar::{Boresight, Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
 use radar_simulation::{Headset, PlaySession, PlayWorld, Session, TrackingErrors};
 
 /// Farthest that the true mount is from the assumed one. Choice: a sensor taped anywhere to a headset's front.
 const MAX_SHIFT_M: f64 = 0.08;
 const MAX_TURN_DEG: f64 = 20.0;
+/// A direction that is this far off is a gross error, rad.
+const GROSS_RAD: f64 = std::f64::consts::FRAC_PI_6;
 /// Times after which the estimate is read, seconds.
 const READ_S: [f64; 3] = [15.0, 30.0, 60.0];
 
@@ -29,6 +31,8 @@ struct Read {
     error_m: DVec3,
     /// Squared error in units of the stated covariance.
     squared: f64,
+    /// Where the sensor faces and by how much that is wrong, rad, when it counts as observed.
+    facing: Option<(f64, Boresight)>,
     found: Calibration,
 }
 
@@ -64,10 +68,14 @@ pub fn mount_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Head
         "90 % (ms)",
         "off by 3σ (%)",
         "drift (mm)",
+        "direction known (%)",
+        "wrong by (°)",
+        "90 % (°)",
     ];
     let caption = "mount: error in each axis, median. NEES: squared error in units of the stated covariance, 3 on \
         average when it is honest, median. offset: error of the time offset. off by 3σ: share of the time offsets that \
-        count as observed. drift: slow tracking error as estimated, median.";
+        count as observed. drift: slow tracking error as estimated, median. direction: share of the rooms in which the \
+        direction counts as observed, and the angle by which it is wrong there, median.";
     Table { head: head.map(str::to_owned).to_vec(), rows, caption: caption.into() }
 }
 
@@ -77,6 +85,8 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
     let mut squared: Vec<f64> = reads.iter().map(|read| read.squared).collect();
     let mut offsets_ms: Vec<f64> = reads.iter().map(|read| read.found.time_offset.offset_s.abs() * 1e3).collect();
     let mut drifts_mm: Vec<f64> = reads.iter().map(|read| read.found.drift_m * 1e3).collect();
+    let facings = reads.iter().filter_map(|read| read.facing);
+    let mut wrong_deg: Vec<f64> = facings.map(|(wrong_rad, _)| wrong_rad.to_degrees()).collect();
     let observed = reads.iter().map(|read| read.found.time_offset).filter(|offset| offset.observable);
     let is_off = |offset: TimeOffset| f64::from(u8::from(offset.offset_s.abs() > 3.0 * offset.sigma_s));
     vec![
@@ -91,18 +101,24 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
         format!("{:.2}", quantile(&mut offsets_ms, 0.9)),
         format!("{:.0}", 100.0 * mean(observed.map(is_off))),
         format!("{:.1}", quantile(&mut drifts_mm, 0.5)),
+        format!("{:.0}", 100.0 * wrong_deg.len() as f64 / reads.len().max(1) as f64),
+        format!("{:.1}", quantile(&mut wrong_deg, 0.5)),
+        format!("{:.1}", quantile(&mut wrong_deg, 0.9)),
     ]
 }
 
-/// Plays one room whose sensor is elsewhere than assumed. Echoes and path alone are used: nothing is mapped.
+/// Plays one room whose sensor is elsewhere than assumed.
 fn played(session: &PlaySession) -> [Option<Read>; 3] {
-    let assumed = session.head_from_sensor;
-    let off = random_shift(session.seed);
+    played_as(session, &session.head_from_sensor, &random_shift(session.seed))
+}
+
+/// Plays one room whose sensor is off the assumed one. Echoes and path alone are used: nothing is mapped.
+fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose) -> [Option<Read>; 3] {
     let duration_s = READ_S[READ_S.len() - 1] + 1.0;
-    let session = PlaySession { duration_s, head_from_sensor: assumed * off, ..session.clone() };
+    let session = PlaySession { duration_s, head_from_sensor: *assumed * *off, ..session.clone() };
     let session = session.prepare().unwrap_or_else(|error| panic!("{error}"));
     let tracking = Settings::default().tracking;
-    let settings = ObserverSettings { history: tracking.history, head_from_sensor: assumed, time_offset_s: 0.0 };
+    let settings = ObserverSettings { history: tracking.history, head_from_sensor: *assumed, time_offset_s: 0.0 };
     let mut observer = Observer::new(&session.play().config, settings);
     let mut calibration = SelfCalibration::new(CalibrationSettings::new(0.0, tracking.errors));
     let mut reads = [const { None }; 3];
@@ -127,12 +143,56 @@ fn played(session: &PlaySession) -> [Option<Read>; 3] {
         if let Some(n) = READ_S.iter().position(|read_s| (read_s - next_s).abs() < 1e-6) {
             reads[n] = found.map(|found| {
                 let error_m = found.mount_shift_m - off.translation;
-                Read { error_m, squared: error_m.dot(found.mount_covariance_m2.inverse() * error_m), found }
+                let facing = calibration.boresight(&session.play().beam).filter(|found| found.observable);
+                let truth = off.rotation * DVec3::NEG_Z;
+                let facing = facing.map(|found| (found.direction.angle_between(truth), found));
+                let squared = error_m.dot(found.mount_covariance_m2.inverse() * error_m);
+                Read { error_m, squared, facing, found }
             });
         }
         next_s += ESTIMATE_S;
     }
     reads
+}
+
+/// Directions that a sensor may be set to face by mistake: to the side, back, up and down.
+const GROSS_DEG: [(&str, f64, f64); 5] =
+    [("left", 90.0, 0.0), ("right", -90.0, 0.0), ("back", 180.0, 0.0), ("up", 0.0, 90.0), ("down", 0.0, -90.0)];
+
+/// How soon a sensor that is set to face elsewhere than it does contradicts that, and how often one that is set right is
+/// contradicted; the sensor looks ahead, and the assumed one to each side.
+///
+/// # Panics
+/// The session cannot be simulated.
+pub fn gross_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Headset], seeds: &Range<u64>) -> Table {
+    let mut rows = Vec::new();
+    for (world, headset) in worlds.iter().flat_map(|world| headsets.iter().map(move |headset| (world, headset))) {
+        for (name, yaw_deg, pitch_deg) in GROSS_DEG.into_iter().chain([("as it faces", 0.0, 0.0)]) {
+            let turn =
+                DQuat::from_rotation_y(f64::to_radians(yaw_deg)) * DQuat::from_rotation_x(f64::to_radians(pitch_deg));
+            let of_seed = |seed: u64| {
+                let errors = TrackingErrors { mount_m: 0.0, ..headset.errors() };
+                let session = PlaySession { seed, world: *world, errors, ..session.clone() };
+                let assumed = session.head_from_sensor * Pose::new(DVec3::ZERO, turn);
+                let off = Pose::new(DVec3::ZERO, turn.inverse());
+                let reads = played_as(&session, &assumed, &off);
+                reads.map(|read| {
+                    let contradicts = |(_, found): (f64, Boresight)| {
+                        let found_rad = found.direction.angle_between(DVec3::NEG_Z);
+                        found_rad > GROSS_RAD && found_rad > 4.0 * found.sigma_rad
+                    };
+                    f64::from(u8::from(read.and_then(|read| read.facing).is_some_and(contradicts)))
+                })
+            };
+            let rooms: Vec<[f64; 3]> = seeds.clone().into_par_iter().map(of_seed).collect();
+            let percent = |n: usize| format!("{:.0}", 100.0 * mean(rooms.iter().map(|room| room[n])));
+            let names = [format!("{world:?}").to_lowercase(), format!("{headset:?}").to_lowercase(), name.to_owned()];
+            rows.push(names.into_iter().chain([rooms.len().to_string()]).chain((0..3).map(percent)).collect());
+        }
+    }
+    let head = ["world", "headset", "set to face", "rooms", "after 15 s (%)", "after 30 s (%)", "after 60 s (%)"];
+    let caption = "Share of the rooms in which the direction is contradicted by more than 30°.".into();
+    Table { head: head.map(str::to_owned).to_vec(), rows, caption }
 }
 
 fn random_shift(seed: u64) -> Pose {

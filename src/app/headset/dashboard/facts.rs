@@ -136,8 +136,9 @@ fn fill(health: &mut Health, published: &PublishedMap, now_ns: i64) {
 
 /// Rounded to millimetres: the panel is drawn anew when it changes.
 fn mount_health(mount: &MountInUse) -> MountHealth {
-    match mount.correction_m() {
-        by_m if by_m > 0.0 => MountHealth::Corrected { by_m: (by_m * 1e3).round() * 1e-3 },
+    let by_m = mount.correction_m();
+    match mount {
+        _ if mount.is_corrected() => MountHealth::Corrected { by_m: (by_m * 1e3).round() * 1e-3 },
         _ if mount.is_contradicted() => MountHealth::Contradicted,
         _ if mount.is_observed() => MountHealth::AsSet,
         _ => MountHealth::Unknown,

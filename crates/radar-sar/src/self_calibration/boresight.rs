@@ -1,0 +1,275 @@
+//! Where the sensor faces, from the amplitudes of echoes against the beam.
+//!
+//! A track gives the direction of its reflector, so the head's rotation moves the reflector through the beam in a known way.
+//! ln amplitude = level of the track + ln A(angle from the boresight) + aspect · displacement. The level, errors of
+//! the reflector's direction and the aspect dependence are the track's own and are eliminated; the boresight is
+//! common to all tracks and is found by Gauss–Newton, robustly. A turn about the boresight is not observable, and has
+//! no effect: the beam is the same in both planes.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat2, DVec2, DVec3};
+
+use super::normal_equations::NormalEquations;
+use crate::{Beam, math};
+
+/// Echoes within this time are averaged, nanoseconds. Choice: fading and noise are correlated over a few groups of sweeps.
+const BIN_NS: i64 = 100_000_000;
+/// Tracks of fewer averages are not used. Choice: a level and a trend leave two.
+const MIN_BINS: usize = 4;
+/// Least rms fluctuation of a track's averages, nepers. Choice: 1.7 dB, antenna ripple and interference.
+const MIN_FLUCTUATION: f64 = 0.2;
+/// 1σ of the aspect dependence, nepers per radian. Measured (`lab --example mount`, world dining): without it
+/// furniture's fading passes for a turn of 10°.
+const ASPECT_SLOPE: f64 = 1.0;
+/// Error of a reflector's direction beyond what its fit states, rad. Choice: 2°, an extended object's centre wanders.
+const OWN_ERROR_RAD: f64 = 0.03;
+/// Amplitudes below this do not distinguish directions. Choice: the pattern is not known at −26 dB.
+const MIN_AMPLITUDE: f64 = 0.05;
+/// 1σ of the boresight about the mean direction of the tracks, rad. Choice: the beam's half-width.
+const PRIOR_RAD: f64 = 0.5;
+/// A track that deviates by this many 1σ counts half. Choice: that of the other corrections.
+const HALF_WEIGHT_DEVIATION: f64 = 3.0;
+/// Tracks whose middles lie within this time share errors, nanoseconds. Choice: tracks last up to 5 s.
+const SHARED_ERROR_NS: i64 = 5_000_000_000;
+/// Rounds of reweighting, iterations, and their greatest step, rad. Choice: as for the other corrections.
+const ROUNDS: usize = 5;
+const MAX_ITERATIONS: usize = 8;
+const MAX_STEP_RAD: f64 = 0.3;
+/// The iteration ends when a step is smaller than this share of 1σ.
+const SMALL_STEP: f64 = 0.1;
+/// The boresight counts as observed up to this 1σ, rad, from so many tracks. Choice: 5°, and enough that
+/// their scatter shows what a track does not know of itself.
+const OBSERVED_RAD: f64 = 0.09;
+const MIN_TRACKS: usize = 12;
+
+/// Where the sensor faces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Boresight {
+    /// Unit vector in the axes of the assumed sensor, which is assumed to face along −z.
+    pub direction: DVec3,
+    /// 1σ of a turn about the less certain axis, rad.
+    pub sigma_rad: f64,
+    /// Number of tracks used.
+    pub tracks: usize,
+    /// Whether it is known, to 5° or better.
+    pub observable: bool,
+}
+
+/// An echo's direction and amplitude.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Aspect {
+    pub time_ns: i64,
+    /// Towards the reflector, in the sensor's axes.
+    pub direction: DVec3,
+    /// By how much that changes with each rotation of the reflector's direction.
+    pub turns: [DVec3; 2],
+    /// Displacement of the sensor across the line of sight, relative to the range.
+    pub displacement: DVec2,
+    /// Logarithm of the amplitude without the law of range.
+    pub ln_amplitude: f64,
+}
+
+/// Aspects of a track, averaged over [`BIN_NS`].
+#[derive(Debug, Clone)]
+pub(super) struct Aspects {
+    averages: Vec<Aspect>,
+    /// Covariance of the reflector's direction, rad².
+    covariance: DMat2,
+}
+
+/// A track's information on two turns of the boresight.
+#[derive(Debug, Clone, Copy)]
+struct Term {
+    matrix: DMat2,
+    gradient: DVec2,
+    middle_ns: i64,
+}
+
+impl Aspects {
+    /// Of a track whose reflector's direction has this covariance.
+    pub fn new(aspects: impl Iterator<Item = Aspect>, covariance: DMat2) -> Self {
+        let mut bins: BTreeMap<i64, Vec<Aspect>> = BTreeMap::new();
+        aspects.for_each(|aspect| bins.entry(aspect.time_ns.div_euclid(BIN_NS)).or_default().push(aspect));
+        Self { averages: bins.values().map(|bin| average(bin)).collect(), covariance }
+    }
+
+    fn middle_ns(&self) -> i64 {
+        self.averages.get(self.averages.len() / 2).map_or(0, |aspect| aspect.time_ns)
+    }
+
+    fn mean_direction(&self) -> DVec3 {
+        self.averages.iter().map(|aspect| aspect.direction).sum::<DVec3>().normalize_or_zero()
+    }
+
+    /// The information near a boresight on turns along two tangents, with the track's own unknowns eliminated.
+    fn term(&self, boresight: DVec3, tangents: &[DVec3; 2], beam: &Beam) -> Option<Term> {
+        if self.averages.len() < MIN_BINS {
+            return None;
+        }
+        let row = |aspect: &Aspect| {
+            let (ln_gain, slope) = ln_gain_and_slope(beam, aspect.direction.dot(boresight));
+            let by_boresight = tangents.map(|tangent| slope * tangent.dot(aspect.direction));
+            let by_reflector = aspect.turns.map(|turn| slope * turn.dot(boresight));
+            let [x, y] = aspect.displacement.to_array();
+            let unknowns = [by_boresight[0], by_boresight[1], by_reflector[0], by_reflector[1], x, y];
+            (aspect.ln_amplitude - ln_gain, unknowns)
+        };
+        let mut rows: Vec<(f64, [f64; 6])> = self.averages.iter().map(row).collect();
+        subtract_means(&mut rows);
+        let variance = rows.iter().map(|row| row.0 * row.0).sum::<f64>() / (rows.len() - 1) as f64;
+        let weight = 1.0 / variance.max(MIN_FLUCTUATION * MIN_FLUCTUATION);
+        let mut normal = NormalEquations::new(6);
+        rows.iter().for_each(|(residual, unknowns)| normal.add(unknowns, &[], *residual, weight));
+        let direction = (self.covariance + DMat2::from_diagonal(DVec2::splat(OWN_ERROR_RAD.powi(2)))).inverse();
+        normal.add_entry(2, 2, direction.x_axis.x);
+        normal.add_entry(3, 2, direction.x_axis.y);
+        normal.add_entry(3, 3, direction.y_axis.y);
+        (4..6).for_each(|k| normal.expect(k, 0.0, 1.0 / (ASPECT_SLOPE * ASPECT_SLOPE)));
+        // Keeps an unobserved turn finite: nothing else.
+        (0..2).for_each(|k| normal.expect(k, 0.0, 1e-6));
+        let factor = normal.factor(0.0)?;
+        let column = |k: usize| factor.solve(&std::array::from_fn::<f64, 6, _>(|j| f64::from(u8::from(j == k))));
+        let (x, y, step) = (column(0), column(1), factor.solve(&normal.right));
+        let matrix = DMat2::from_cols_array(&[x[0], x[1], y[0], y[1]]).inverse();
+        Some(Term { matrix, gradient: matrix * DVec2::new(step[0], step[1]), middle_ns: self.middle_ns() })
+    }
+}
+
+impl Term {
+    fn gradient_after(&self, step: DVec2) -> DVec2 {
+        self.gradient - self.matrix * step
+    }
+}
+
+fn average(bin: &[Aspect]) -> Aspect {
+    let count = bin.len() as f64;
+    Aspect {
+        time_ns: bin[0].time_ns,
+        direction: bin.iter().map(|a| a.direction).sum::<DVec3>().normalize_or(DVec3::NEG_Z),
+        turns: [0, 1].map(|k| bin.iter().map(|a| a.turns[k]).sum::<DVec3>() / count),
+        displacement: bin.iter().map(|a| a.displacement).sum::<DVec2>() / count,
+        ln_amplitude: bin.iter().map(|a| a.ln_amplitude).sum::<f64>() / count,
+    }
+}
+
+/// Eliminates the track's level.
+fn subtract_means(rows: &mut [(f64, [f64; 6])]) {
+    let count = rows.len() as f64;
+    let residual = rows.iter().map(|row| row.0).sum::<f64>() / count;
+    let unknowns: [f64; 6] = std::array::from_fn(|k| rows.iter().map(|row| row.1[k]).sum::<f64>() / count);
+    for row in rows {
+        row.0 -= residual;
+        row.1.iter_mut().zip(unknowns).for_each(|(value, mean)| *value -= mean);
+    }
+}
+
+/// ln A and its derivative with respect to the cosine of the angle from the boresight.
+fn ln_gain_and_slope(beam: &Beam, cos: f64) -> (f64, f64) {
+    const STEP: f64 = 1e-3;
+    let ln_gain = |cos: f64| math::ln(beam.amplitude(cos).max(MIN_AMPLITUDE));
+    let (below, above) = ((cos - STEP).max(-1.0), (cos + STEP).min(1.0));
+    (ln_gain(cos), (ln_gain(above) - ln_gain(below)) / (above - below))
+}
+
+/// The boresight that the tracks agree on; `None` without tracks.
+pub(super) fn boresight<'a>(tracks: impl Iterator<Item = &'a Aspects>, beam: &Beam) -> Option<Boresight> {
+    let tracks: Vec<&Aspects> = tracks.collect();
+    let expected = tracks.iter().map(|track| track.mean_direction()).sum::<DVec3>().try_normalize()?;
+    let (mut direction, mut found) = (expected, None);
+    for _ in 0..MAX_ITERATIONS {
+        let tangents = <[DVec3; 2]>::from(direction.any_orthonormal_pair());
+        let terms: Vec<Term> = tracks.iter().filter_map(|track| track.term(direction, &tangents, beam)).collect();
+        let off = DVec2::from_array(tangents.map(|tangent| tangent.dot(expected)));
+        let (step, covariance) = combined(&terms, off);
+        let step = step.clamp_length_max(MAX_STEP_RAD);
+        direction = (direction + tangents[0] * step.x + tangents[1] * step.y).normalize();
+        let sigma_rad = covariance.x_axis.x.max(covariance.y_axis.y).sqrt();
+        let observable = sigma_rad <= OBSERVED_RAD && terms.len() >= MIN_TRACKS;
+        found = Some(Boresight { direction, sigma_rad, tracks: terms.len(), observable });
+        if step.length() <= SMALL_STEP * sigma_rad {
+            break;
+        }
+    }
+    found
+}
+
+/// The step of the boresight and its covariance, which grows with the tracks' disagreement; `off` is where the prior expects
+/// it.
+fn combined(terms: &[Term], off: DVec2) -> (DVec2, DMat2) {
+    let prior = DMat2::from_diagonal(DVec2::splat(PRIOR_RAD.powi(-2)));
+    let mut weights = vec![1.0; terms.len()];
+    let (mut step, mut sum) = (DVec2::ZERO, prior);
+    for _ in 0..ROUNDS {
+        let weighted = || terms.iter().zip(&weights);
+        sum = weighted().fold(prior, |sum, (term, weight)| sum + term.matrix * *weight);
+        step = sum.inverse() * weighted().fold(prior * off, |sum, (term, weight)| sum + term.gradient * *weight);
+        for (weight, term) in weights.iter_mut().zip(terms) {
+            let gradient = term.gradient_after(step);
+            let deviation2 = gradient.dot((term.matrix + prior).inverse() * gradient);
+            *weight = 1.0 / (1.0 + deviation2 / (HALF_WEIGHT_DEVIATION * HALF_WEIGHT_DEVIATION));
+        }
+    }
+    let covariance = sum.inverse();
+    let (mut single, mut together) = (DVec2::ZERO, BTreeMap::<i64, DVec2>::new());
+    for (term, weight) in terms.iter().zip(&weights) {
+        let change = covariance * term.gradient_after(step) * *weight;
+        single += change * change;
+        *together.entry(term.middle_ns.div_euclid(SHARED_ERROR_NS)).or_default() += change;
+    }
+    let shared: DVec2 = together.values().map(|change| *change * *change).sum();
+    let variance = DVec2::new(covariance.x_axis.x, covariance.y_axis.y);
+    let scale = DMat2::from_diagonal((single.max(shared) / variance).max(DVec2::ONE).map(f64::sqrt));
+    (step, scale * covariance * scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    /// Tracks of 3 s: the head sweeps a reflector through the beam of a sensor that faces `boresight`, while its echo
+    /// fades by 1 dB.
+    fn tracks(boresight: DVec3, turn_rad: f64) -> Vec<Aspects> {
+        let track = |n: i64| {
+            let (a, b) = boresight.any_orthonormal_pair();
+            let phase = n as f64 * 0.7;
+            let towards = (boresight + a * 0.4 * phase.cos() + b * 0.4 * phase.sin()).normalize();
+            let aspect = |k: i64| {
+                let time_s = k as f64 * 0.02;
+                let turn = DQuat::from_axis_angle(a, turn_rad * (2.0 * time_s + phase).sin())
+                    * DQuat::from_axis_angle(b, turn_rad * (1.7 * time_s + 2.0 * phase).cos());
+                let direction = turn * towards;
+                let fading = 0.1 * (31.0 * time_s + phase).sin();
+                let gain = Beam::Lensless.amplitude(direction.dot(boresight)).ln();
+                let (x, y) = direction.any_orthonormal_pair();
+                Aspect {
+                    time_ns: (n * 3_000_000_000) + (time_s * 1e9) as i64,
+                    direction,
+                    turns: [x, y],
+                    displacement: DVec2::new(0.1 * time_s, -0.05 * time_s),
+                    ln_amplitude: n as f64 + gain + fading,
+                }
+            };
+            Aspects::new((0..150).map(aspect), DMat2::from_diagonal(DVec2::splat(1e-4)))
+        };
+        (0..16).map(track).collect()
+    }
+
+    #[test]
+    fn boresight_is_found_wherever_the_sensor_faces() {
+        for truth in [DVec3::NEG_Z, DVec3::new(0.2, -0.1, -0.9).normalize(), DVec3::X, DVec3::Z] {
+            let found = boresight(tracks(truth, 0.3).iter(), &Beam::Lensless).unwrap();
+            let error_rad = found.direction.angle_between(truth);
+            assert!(found.observable && error_rad < 0.03 && error_rad < 3.0 * found.sigma_rad, "{truth}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn without_rotation_or_without_a_pattern_it_is_not_observed() {
+        let found = |turn_rad: f64, beam: &Beam| boresight(tracks(DVec3::NEG_Z, turn_rad).iter(), beam);
+        assert!(!found(0.001, &Beam::Lensless).unwrap().observable);
+        assert!(!found(0.3, &Beam::Uniform).unwrap().observable);
+        assert_eq!(boresight([].iter(), &Beam::Lensless), None);
+    }
+}
