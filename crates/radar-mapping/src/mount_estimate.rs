@@ -12,8 +12,9 @@ const OBSERVED_M: f64 = 10e-3;
 /// the tracking leave errors larger than a Gaussian's; a ruler is no better than 5 mm.
 const SIGNIFICANT: f64 = 4.0;
 const MIN_CONTRADICTION_M: f64 = 5e-3;
-/// The assumed direction is contradicted from this angle on as well, rad. Choice: 10°; the lensless beam is 60° wide.
-pub(crate) const MIN_CONTRADICTION_RAD: f64 = 0.1745;
+/// The assumed direction is contradicted from this angle on as well, rad. Choice: 30°, more than the greatest error measured in
+/// furnished rooms, 25°, and half the lensless beam.
+const MIN_CONTRADICTION_RAD: f64 = 0.524;
 
 /// Where the sensor faces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
