@@ -130,10 +130,10 @@ fn mount_text(mount: Option<&MountEstimate>) -> String {
 
 /// Where the sensor faces, and which motion makes it observable when it is not.
 fn direction_text(mount: &MountEstimate) -> String {
-    let (Some(facing), Some(turn_rad)) = (mount.facing, mount.turn_rad()) else {
+    let (Some(boresight), Some(turn_rad)) = (mount.boresight, mount.turn_rad()) else {
         return "not observed: turn the head towards objects and away from them".to_owned();
     };
-    let DVec3 { x, y, z } = facing.direction;
+    let DVec3 { x, y, z } = boresight.direction;
     let side = |degrees: f64, positive: &str, negative: &str| {
         format!("{:.0}° {}", degrees.abs(), if degrees >= 0.0 { positive } else { negative })
     };
@@ -143,7 +143,7 @@ fn direction_text(mount: &MountEstimate) -> String {
         true => format!("{:.0}° from where it is set to face", turn_rad.to_degrees()),
         false => "as it is set".to_owned(),
     };
-    format!("{right}, {up} of the head's, ± {:.0}°: {state}", facing.sigma_rad.to_degrees())
+    format!("{right}, {up} of the head's, ± {:.0}°: {state}", boresight.sigma_rad.to_degrees())
 }
 
 fn table(trial: &Synchronisation) -> Table {

@@ -43,12 +43,14 @@ pub enum MountHealth {
     Unknown,
     /// The data agree with the setting.
     AsSet,
-    /// The data gave another place, which is in use.
+    /// The data gave another place or direction, which is in use.
     Corrected {
-        /// Distance from the setting, metres.
-        by_m: f64,
+        /// Distance from the setting, millimetres.
+        by_mm: i32,
+        /// Angle from the set direction, degrees.
+        by_deg: i32,
     },
-    /// The data give another place, which is not used.
+    /// The data give another place or direction, which is not used.
     Contradicted,
 }
 
@@ -217,7 +219,8 @@ impl MountHealth {
         match self {
             Self::Unknown => "turn and nod your head to locate the sensor".into(),
             Self::AsSet => "the sensor is where it is set".into(),
-            Self::Corrected { by_m } => format!("the sensor is {:.0} mm from where it is set", by_m * 1e3),
+            Self::Corrected { by_mm, by_deg: 0 } => format!("the sensor is {by_mm} mm from where it is set"),
+            Self::Corrected { by_mm, by_deg } => format!("the sensor is {by_mm} mm and {by_deg}° from how it is set"),
             Self::Contradicted => String::new(),
         }
     }
@@ -276,7 +279,7 @@ mod tests {
             poses_per_s: 250.0,
             time_offset_s: 0.0021,
             time_offset_sigma_s: Some(0.0004),
-            mount: MountHealth::Corrected { by_m: 0.042 },
+            mount: MountHealth::Corrected { by_mm: 42, by_deg: 0 },
             age_s: Some(0.05),
             is_running: true,
             obstacles: 5,

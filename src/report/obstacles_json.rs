@@ -35,9 +35,12 @@ struct MountEntry {
     estimate_m: Option<[f64; 3]>,
     estimate_sigma_m: Option<[f64; 3]>,
     observed: [bool; 3],
-    /// Unit vector in which the sensor faces in the head's frame, as estimated, and its 1σ, rad.
+    /// As estimated, in the head's frame; absent while it is not observed.
     #[serde(skip_serializing_if = "Option::is_none")]
-    facing: Option<([f64; 3], f64)>,
+    boresight: Option<[f64; 3]>,
+    /// 1σ of a turn of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    boresight_sigma_rad: Option<f64>,
 }
 
 /// Calibration of sensor and headset, as written to the file.
@@ -141,14 +144,15 @@ pub fn write_obstacles_json(
 fn mount_entry(mount: &MountInUse) -> Result<MountEntry, ReportError> {
     let finite = |of: DVec3| vector(of, || "mount".into());
     let estimate = mount.estimate.map(|estimate| (estimate.position_m, estimate.sigma_m()));
-    let facing = mount.estimate.and_then(|estimate| estimate.facing);
+    let boresight = mount.estimate.and_then(|estimate| estimate.boresight);
     Ok(MountEntry {
         assumed_m: finite(mount.assumed.translation)?,
         in_use_m: finite(mount.in_use.translation)?,
         estimate_m: estimate.map(|(position_m, _)| finite(position_m)).transpose()?,
         estimate_sigma_m: estimate.map(|(_, sigma_m)| finite(sigma_m)).transpose()?,
         observed: mount.estimate.map_or([false; 3], |estimate| estimate.observed),
-        facing: facing.map(|facing| Ok((finite(facing.direction)?, facing.sigma_rad))).transpose()?,
+        boresight: boresight.map(|boresight| finite(boresight.direction)).transpose()?,
+        boresight_sigma_rad: boresight.map(|boresight| boresight.sigma_rad),
     })
 }
 

@@ -92,7 +92,7 @@ pub use evidence::Evidence;
 pub use existence::ExistenceSettings;
 pub use hands::{HandTrail, HandsM, HandsSample};
 pub use mapper::{Mapper, MapperCounters, SearchCounters};
-pub use mount_estimate::{FacingEstimate, MountEstimate, MountInUse};
+pub use mount_estimate::{BoresightEstimate, MountEstimate, MountInUse};
 pub use moving_targets::{MovingTarget, MovingTargetTracker, MtiSettings};
 pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};
 pub use range_axis::range_axis;

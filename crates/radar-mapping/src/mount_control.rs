@@ -151,7 +151,8 @@ mod tests {
     fn known_axes_are_corrected_in_the_heads_frame_and_others_left() {
         let assumed = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
         let mut mount = MountControl::new(&assumed, true);
-        assert!(mount.update(0, &found(DVec3::new(0.03, 0.02, -0.04), DVec3::new(2e-3, 20e-3, 6e-3)), None).is_some());
+        let moved_m = mount.update(0, &found(DVec3::new(0.03, 0.02, -0.04), DVec3::new(2e-3, 20e-3, 6e-3)), None);
+        assert!((moved_m.unwrap() - 0.05).abs() < 1e-12, "{moved_m:?}");
         // The sensor's x axis is the head's −z axis, its z axis the head's x axis.
         let expected_m = assumed.translation + DVec3::new(-0.04, 0.0, -0.03);
         assert!(mount.in_use().translation.distance(expected_m) < 1e-12, "{:?}", mount.in_use());
@@ -192,7 +193,7 @@ mod tests {
         assert_eq!(mount.update(S, &nothing, Some(&facing(1.5, false))), None, "not observed");
         for turn_rad in [1.5, std::f64::consts::PI] {
             let mut mount = MountControl::new(&assumed, true);
-            assert!(mount.update(0, &nothing, Some(&facing(turn_rad, true))) == Some(0.0), "{turn_rad}");
+            assert_eq!(mount.update(0, &nothing, Some(&facing(turn_rad, true))), Some(0.0), "{turn_rad}");
             let expected = assumed.transform_vector(facing(turn_rad, true).direction);
             assert!(mount.in_use().forward().angle_between(expected) < 1e-6);
             assert!((mount.state().correction_rad() - turn_rad).abs() < 1e-6);
@@ -214,6 +215,14 @@ mod tests {
         };
         assert!((after(assumed, true) - 30e-3).abs() < 1e-12);
         assert_eq!([after(Pose::IDENTITY, true), after(assumed, false)], [0.0, 0.0]);
+        let turned = Pose { rotation: DQuat::from_rotation_y(1.8), ..before.in_use() };
+        let mut mount = MountControl::new(&assumed, true);
+        mount.resume(&MountInUse { in_use: turned, ..before.state() });
+        assert!((mount.state().correction_rad() - 1.5).abs() < 1e-6);
+        let no_rotation = Pose { rotation: DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), ..turned };
+        let mut mount = MountControl::new(&assumed, true);
+        mount.resume(&MountInUse { in_use: no_rotation, ..before.state() });
+        assert_eq!(mount.in_use(), assumed);
         for bad_m in [DVec3::X, DVec3::NAN] {
             let mut mount = MountControl::new(&assumed, true);
             mount.resume(&MountInUse { in_use: Pose::from_translation(bad_m), ..before.state() });

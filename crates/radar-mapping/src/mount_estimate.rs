@@ -12,13 +12,13 @@ const OBSERVED_M: f64 = 10e-3;
 /// the tracking leave errors larger than a Gaussian's; a ruler is no better than 5 mm.
 const SIGNIFICANT: f64 = 4.0;
 const MIN_CONTRADICTION_M: f64 = 5e-3;
-/// The assumed direction is contradicted from this angle on as well, rad. Choice: 30°, more than the greatest error measured in
-/// furnished rooms, 25°, and half the lensless beam.
+/// The assumed direction is contradicted from this angle on as well, rad. Choice: 30°, where the beam without a lens has half
+/// its amplitude; the greatest error measured in furnished rooms is 25° (`lab --example mount`).
 const MIN_CONTRADICTION_RAD: f64 = 0.524;
 
 /// Where the sensor faces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct FacingEstimate {
+pub struct BoresightEstimate {
     /// Unit vector in the head's frame.
     pub direction: DVec3,
     /// 1σ of a turn about the less certain axis, rad.
@@ -38,7 +38,7 @@ pub struct MountEstimate {
     pub observed: [bool; 3],
     /// `None` when the motion did not make the direction observable.
     #[serde(default)]
-    pub facing: Option<FacingEstimate>,
+    pub boresight: Option<BoresightEstimate>,
 }
 
 impl MountEstimate {
@@ -47,11 +47,11 @@ impl MountEstimate {
         let head_from_axes = DMat3::from_quat(assumed.rotation);
         let position_m = assumed.translation + head_from_axes * found.mount_shift_m;
         let covariance_m2 = head_from_axes * found.mount_covariance_m2 * head_from_axes.transpose();
-        let facing = boresight.filter(|found| found.observable).map(|found| FacingEstimate {
+        let boresight = boresight.filter(|found| found.observable).map(|found| BoresightEstimate {
             direction: assumed.transform_vector(found.direction),
             sigma_rad: found.sigma_rad,
         });
-        let estimate = Self { position_m, covariance_m2, assumed: *assumed, observed: [false; 3], facing };
+        let estimate = Self { position_m, covariance_m2, assumed: *assumed, observed: [false; 3], boresight };
         let observed = estimate.sigma_m().to_array().map(|sigma_m| sigma_m <= OBSERVED_M);
         Self { observed, ..estimate }
     }
@@ -76,19 +76,19 @@ impl MountEstimate {
 
     /// Angle from the assumed direction, rad.
     pub fn turn_rad(&self) -> Option<f64> {
-        self.facing.map(|facing| facing.direction.angle_between(self.assumed.forward()))
+        self.boresight.map(|boresight| boresight.direction.angle_between(self.assumed.forward()))
     }
 
     /// Whether it contradicts the assumed direction.
     pub fn contradicts_direction(&self) -> bool {
-        let bound_rad = |facing: FacingEstimate| (SIGNIFICANT * facing.sigma_rad).max(MIN_CONTRADICTION_RAD);
-        self.facing.is_some_and(|facing| self.turn_rad() > Some(bound_rad(facing)))
+        let bound_rad = |boresight: BoresightEstimate| (SIGNIFICANT * boresight.sigma_rad).max(MIN_CONTRADICTION_RAD);
+        self.boresight.is_some_and(|boresight| self.turn_rad() > Some(bound_rad(boresight)))
     }
 
     /// The assumed rotation, turned the shortest way to the estimated direction.
     pub fn turned(&self) -> DQuat {
-        let turn = |facing: FacingEstimate| DQuat::from_rotation_arc(self.assumed.forward(), facing.direction);
-        self.facing.map_or(self.assumed.rotation, |facing| (turn(facing) * self.assumed.rotation).normalize())
+        let turn = |boresight: BoresightEstimate| DQuat::from_rotation_arc(self.assumed.forward(), boresight.direction);
+        self.boresight.map_or(self.assumed.rotation, |boresight| (turn(boresight) * self.assumed.rotation).normalize())
     }
 }
 

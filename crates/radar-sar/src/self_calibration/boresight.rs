@@ -39,11 +39,11 @@ const MAX_ITERATIONS: usize = 8;
 const MAX_STEP_RAD: f64 = 0.3;
 /// The iteration ends when a step is smaller than this share of 1σ.
 const SMALL_STEP: f64 = 0.1;
-/// Error that all tracks share, 1σ, rad. Measured (`lab --example mount -- --gross`, worlds dining and office): errors of 6°, mostly
-/// in elevation, that the tracks' scatter does not show.
+/// Error that all tracks share, 1σ, rad. Measured (`lab --example mount`, worlds dining and office, sensor set right): errors
+/// of 6°, mostly in elevation, that the tracks' scatter does not show.
 const SYSTEMATIC_RAD: f64 = 0.1;
-/// The boresight counts as observed up to this 1σ without the shared error, rad, from so many tracks. Choice: 5°, and enough that
-/// their scatter shows what a track does not know of itself.
+/// The boresight counts as observed up to this 1σ without the shared error, rad, from so many tracks. Choice: 5°, and
+/// enough that their scatter shows what a track does not know of itself.
 const OBSERVED_RAD: f64 = 0.09;
 const MIN_TRACKS: usize = 12;
 

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::{mean, quantile};
 use radar_chaperone::report::Table;
 use radar_chaperone::settings::Settings;
-use radar_mapping::{Event, Observer, ObserverSettings, in_time_order};
+use radar_mapping::{Event, MountEstimate, Observer, ObserverSettings, in_time_order};
 use radar_sar::geometry::Pose;
 use radar_sar::{Boresight, Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
 use radar_simulation::{Headset, PlaySession, PlayWorld, Session, TrackingErrors};
@@ -18,8 +18,15 @@ use radar_simulation::{Headset, PlaySession, PlayWorld, Session, TrackingErrors}
 /// Farthest that the true mount is from the assumed one. Choice: a sensor taped anywhere to a headset's front.
 const MAX_SHIFT_M: f64 = 0.08;
 const MAX_TURN_DEG: f64 = 20.0;
-/// A direction that is this far off is a gross error, rad.
-const GROSS_RAD: f64 = std::f64::consts::FRAC_PI_6;
+/// Directions that a sensor is set to face by mistake, yaw and pitch, and the right one.
+const SET_DEG: [(&str, f64, f64); 6] = [
+    ("left", 90.0, 0.0),
+    ("right", -90.0, 0.0),
+    ("back", 180.0, 0.0),
+    ("up", 0.0, 90.0),
+    ("down", 0.0, -90.0),
+    ("as it faces", 0.0, 0.0),
+];
 /// Times after which the estimate is read, seconds.
 const READ_S: [f64; 3] = [15.0, 30.0, 60.0];
 
@@ -32,7 +39,7 @@ struct Read {
     /// Squared error in units of the stated covariance.
     squared: f64,
     /// Where the sensor faces and by how much that is wrong, rad, when it counts as observed.
-    facing: Option<(f64, Boresight)>,
+    boresight: Option<(f64, Boresight)>,
     found: Calibration,
 }
 
@@ -85,8 +92,8 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
     let mut squared: Vec<f64> = reads.iter().map(|read| read.squared).collect();
     let mut offsets_ms: Vec<f64> = reads.iter().map(|read| read.found.time_offset.offset_s.abs() * 1e3).collect();
     let mut drifts_mm: Vec<f64> = reads.iter().map(|read| read.found.drift_m * 1e3).collect();
-    let facings = reads.iter().filter_map(|read| read.facing);
-    let mut wrong_deg: Vec<f64> = facings.map(|(wrong_rad, _)| wrong_rad.to_degrees()).collect();
+    let boresights = reads.iter().filter_map(|read| read.boresight);
+    let mut wrong_deg: Vec<f64> = boresights.map(|(wrong_rad, _)| wrong_rad.to_degrees()).collect();
     let observed = reads.iter().map(|read| read.found.time_offset).filter(|offset| offset.observable);
     let is_off = |offset: TimeOffset| f64::from(u8::from(offset.offset_s.abs() > 3.0 * offset.sigma_s));
     vec![
@@ -143,11 +150,11 @@ fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose) -> [Option<Read>
         if let Some(n) = READ_S.iter().position(|read_s| (read_s - next_s).abs() < 1e-6) {
             reads[n] = found.map(|found| {
                 let error_m = found.mount_shift_m - off.translation;
-                let facing = calibration.boresight(&session.play().beam).filter(|found| found.observable);
+                let boresight = calibration.boresight(&session.play().beam).filter(|found| found.observable);
                 let truth = off.rotation * DVec3::NEG_Z;
-                let facing = facing.map(|found| (found.direction.angle_between(truth), found));
+                let boresight = boresight.map(|found| (found.direction.angle_between(truth), found));
                 let squared = error_m.dot(found.mount_covariance_m2.inverse() * error_m);
-                Read { error_m, squared, facing, found }
+                Read { error_m, squared, boresight, found }
             });
         }
         next_s += ESTIMATE_S;
@@ -155,44 +162,40 @@ fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose) -> [Option<Read>
     reads
 }
 
-/// Directions that a sensor may be set to face by mistake: to the side, back, up and down.
-const GROSS_DEG: [(&str, f64, f64); 5] =
-    [("left", 90.0, 0.0), ("right", -90.0, 0.0), ("back", 180.0, 0.0), ("up", 0.0, 90.0), ("down", 0.0, -90.0)];
-
-/// How soon a sensor that is set to face elsewhere than it does contradicts that, and how often one that is set right is
-/// contradicted; the sensor looks ahead, and the assumed one to each side.
+/// In how many rooms a sensor that looks ahead, and is set to face elsewhere, contradicts that; and one that is set right.
 ///
 /// # Panics
 /// The session cannot be simulated.
 pub fn gross_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Headset], seeds: &Range<u64>) -> Table {
     let mut rows = Vec::new();
     for (world, headset) in worlds.iter().flat_map(|world| headsets.iter().map(move |headset| (world, headset))) {
-        for (name, yaw_deg, pitch_deg) in GROSS_DEG.into_iter().chain([("as it faces", 0.0, 0.0)]) {
-            let turn =
-                DQuat::from_rotation_y(f64::to_radians(yaw_deg)) * DQuat::from_rotation_x(f64::to_radians(pitch_deg));
+        for (name, yaw_deg, pitch_deg) in SET_DEG {
             let of_seed = |seed: u64| {
                 let errors = TrackingErrors { mount_m: 0.0, ..headset.errors() };
-                let session = PlaySession { seed, world: *world, errors, ..session.clone() };
-                let assumed = session.head_from_sensor * Pose::new(DVec3::ZERO, turn);
-                let off = Pose::new(DVec3::ZERO, turn.inverse());
-                let reads = played_as(&session, &assumed, &off);
-                reads.map(|read| {
-                    let contradicts = |(_, found): (f64, Boresight)| {
-                        let found_rad = found.direction.angle_between(DVec3::NEG_Z);
-                        found_rad > GROSS_RAD && found_rad > 4.0 * found.sigma_rad
-                    };
-                    f64::from(u8::from(read.and_then(|read| read.facing).is_some_and(contradicts)))
-                })
+                contradicted(&PlaySession { seed, world: *world, errors, ..session.clone() }, [yaw_deg, pitch_deg])
             };
-            let rooms: Vec<[f64; 3]> = seeds.clone().into_par_iter().map(of_seed).collect();
-            let percent = |n: usize| format!("{:.0}", 100.0 * mean(rooms.iter().map(|room| room[n])));
+            let rooms: Vec<[bool; 3]> = seeds.clone().into_par_iter().map(of_seed).collect();
+            let percent = |n: usize| 100.0 * mean(rooms.iter().map(|room| f64::from(u8::from(room[n]))));
             let names = [format!("{world:?}").to_lowercase(), format!("{headset:?}").to_lowercase(), name.to_owned()];
-            rows.push(names.into_iter().chain([rooms.len().to_string()]).chain((0..3).map(percent)).collect());
+            let shares = (0..3).map(|n| format!("{:.0}", percent(n)));
+            rows.push(names.into_iter().chain([rooms.len().to_string()]).chain(shares).collect());
         }
     }
     let head = ["world", "headset", "set to face", "rooms", "after 15 s (%)", "after 30 s (%)", "after 60 s (%)"];
-    let caption = "Share of the rooms in which the direction is contradicted by more than 30°.".into();
+    let caption = "Share of the rooms in which the data contradict the direction.".into();
     Table { head: head.map(str::to_owned).to_vec(), rows, caption }
+}
+
+/// Whether a sensor whose direction is set wrong by a yaw and a pitch contradicts it, after each of [`READ_S`].
+fn contradicted(session: &PlaySession, [yaw_deg, pitch_deg]: [f64; 2]) -> [bool; 3] {
+    let turn = DQuat::from_rotation_y(yaw_deg.to_radians()) * DQuat::from_rotation_x(pitch_deg.to_radians());
+    let assumed = session.head_from_sensor * Pose::new(DVec3::ZERO, turn);
+    let contradicts = |read: Read| {
+        let boresight = read.boresight.map(|(_, found)| found);
+        MountEstimate::new(&assumed, &read.found, boresight.as_ref()).contradicts_direction()
+    };
+    let off = Pose::new(DVec3::ZERO, turn.inverse());
+    played_as(session, &assumed, &off).map(|read| read.is_some_and(contradicts))
 }
 
 fn random_shift(seed: u64) -> Pose {

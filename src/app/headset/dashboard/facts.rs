@@ -134,11 +134,13 @@ fn fill(health: &mut Health, published: &PublishedMap, now_ns: i64) {
     }
 }
 
-/// Rounded to millimetres: the panel is drawn anew when it changes.
+/// Rounded to millimetres and degrees: the panel is drawn anew when it changes.
 fn mount_health(mount: &MountInUse) -> MountHealth {
-    let by_m = mount.correction_m();
+    let (by_mm, by_deg) = (mount.correction_m() * 1e3, mount.correction_rad().to_degrees());
     match mount {
-        _ if mount.is_corrected() => MountHealth::Corrected { by_m: (by_m * 1e3).round() * 1e-3 },
+        _ if mount.is_corrected() => {
+            MountHealth::Corrected { by_mm: by_mm.round() as i32, by_deg: by_deg.round() as i32 }
+        }
         _ if mount.is_contradicted() => MountHealth::Contradicted,
         _ if mount.is_observed() => MountHealth::AsSet,
         _ => MountHealth::Unknown,
