@@ -4,6 +4,7 @@ use glam::{DQuat, DVec3};
 use radar_sar::geometry::Pose;
 use radar_sar::{Boresight, Calibration};
 
+use super::mount_estimate::MIN_CONTRADICTION_RAD;
 use super::{MountCounters, MountEstimate, MountInUse};
 
 /// An axis is corrected once its 1σ is at most this, metres. Choice: what measuring by eye leaves.
@@ -33,6 +34,8 @@ pub(crate) struct MountControl {
     /// Its rotation, `head_from_sensor`.
     rotation: DQuat,
     estimate: Option<MountEstimate>,
+    /// Whether more tracks may show that the sensor faces elsewhere.
+    hints_at_turn: bool,
     next_change_ns: Option<i64>,
     counters: MountCounters,
 }
@@ -45,6 +48,7 @@ impl MountControl {
             shift_m: DVec3::ZERO,
             rotation: head_from_sensor.rotation,
             estimate: None,
+            hints_at_turn: false,
             next_change_ns: None,
             counters: MountCounters::default(),
         }
@@ -80,6 +84,9 @@ impl MountControl {
     pub fn update(&mut self, now_ns: i64, found: &Calibration, boresight: Option<&Boresight>) -> Option<f64> {
         let estimate = MountEstimate::new(&self.assumed, found, boresight);
         self.estimate = Some(estimate);
+        let turn_rad =
+            |found: &Boresight| self.assumed.transform_vector(found.direction).angle_between(self.in_use().forward());
+        self.hints_at_turn = boresight.is_some_and(|found| turn_rad(found) > MIN_CONTRADICTION_RAD);
         // Backward times must not lengthen the pause.
         self.next_change_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > PAUSE_NS);
         if !self.is_applied || self.next_change_ns.is_some_and(|next_ns| now_ns < next_ns) {
@@ -93,6 +100,7 @@ impl MountControl {
         let is_turned = MountEstimate { assumed: self.in_use(), ..estimate }.contradicts_direction();
         if is_turned {
             self.rotation = estimate.turned();
+            self.hints_at_turn = false;
         }
         let is_shifted = (0..3).any(is_wrong);
         let moved_m = if is_shifted { wanted_m.distance(self.shift_m) } else { 0.0 };
@@ -115,10 +123,11 @@ impl MountControl {
         wanted_m
     }
 
-    /// Whether no axis of an estimate hints at a change that more data would make certain.
+    /// Whether neither an axis of an estimate nor the direction hints at a change that more data would make certain.
     pub fn is_settled(&self, found: &Calibration) -> bool {
         let off_m = found.mount_shift_m - self.shift_m;
-        !self.is_applied || (0..3).all(|axis| off_m[axis].abs() <= MIN_CHANGE_M.max(HINT * sigma_m(found, axis)))
+        let is_near = |axis: usize| off_m[axis].abs() <= MIN_CHANGE_M.max(HINT * sigma_m(found, axis));
+        !self.is_applied || (!self.hints_at_turn && (0..3).all(is_near))
     }
 }
 
@@ -190,7 +199,9 @@ mod tests {
             observable,
         };
         assert_eq!(mount.update(0, &nothing, Some(&facing(0.4, true))), None, "small");
+        assert!(mount.is_settled(&nothing));
         assert_eq!(mount.update(S, &nothing, Some(&facing(1.5, false))), None, "not observed");
+        assert!(!mount.is_settled(&nothing), "it may face elsewhere");
         for turn_rad in [1.5, std::f64::consts::PI] {
             let mut mount = MountControl::new(&assumed, true);
             assert_eq!(mount.update(0, &nothing, Some(&facing(turn_rad, true))), Some(0.0), "{turn_rad}");

@@ -14,7 +14,7 @@ const SIGNIFICANT: f64 = 4.0;
 const MIN_CONTRADICTION_M: f64 = 5e-3;
 /// The assumed direction is contradicted from this angle on as well, rad. Choice: 30°, where the beam without a lens has half
 /// its amplitude; the greatest error measured in furnished rooms is 25° (`lab --example mount`).
-const MIN_CONTRADICTION_RAD: f64 = 0.524;
+pub(crate) const MIN_CONTRADICTION_RAD: f64 = 0.524;
 
 /// Where the sensor faces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

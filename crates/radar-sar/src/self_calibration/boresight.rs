@@ -10,7 +10,8 @@ use std::collections::BTreeMap;
 
 use glam::{DMat2, DVec2, DVec3};
 
-use super::normal_equations::NormalEquations;
+use super::combination::{TrackTerm, combine};
+use super::corrections::Quadratic;
 use crate::{Beam, math};
 
 /// Echoes within this time are averaged, nanoseconds. Choice: fading and noise are correlated over a few groups of sweeps.
@@ -29,12 +30,7 @@ const MIN_AMPLITUDE: f64 = 0.05;
 /// 1σ of the boresight about the mean direction of the tracks, rad; one farther off is not believed. Choice: the beam's
 /// half-width.
 const PRIOR_RAD: f64 = 0.5;
-/// A track that deviates by this many 1σ counts half. Choice: that of the other corrections.
-const HALF_WEIGHT_DEVIATION: f64 = 3.0;
-/// Tracks whose middles lie within this time share errors, nanoseconds. Choice: tracks last up to 5 s.
-const SHARED_ERROR_NS: i64 = 5_000_000_000;
-/// Rounds of reweighting, iterations, and their greatest step, rad. Choice: as for the other corrections.
-const ROUNDS: usize = 5;
+/// Iterations, and their greatest step, rad. Choice: three suffice; the pattern is quadratic about as far.
 const MAX_ITERATIONS: usize = 8;
 const MAX_STEP_RAD: f64 = 0.3;
 /// The iteration ends when a step is smaller than this share of 1σ.
@@ -82,14 +78,6 @@ pub(super) struct Aspects {
     covariance: DMat2,
 }
 
-/// A track's information on two turns of the boresight.
-#[derive(Debug, Clone, Copy)]
-struct Term {
-    matrix: DMat2,
-    gradient: DVec2,
-    middle_ns: i64,
-}
-
 impl Aspects {
     /// Of a track whose reflector's direction has this covariance.
     pub fn new(aspects: impl Iterator<Item = Aspect>, covariance: DMat2) -> Self {
@@ -107,7 +95,7 @@ impl Aspects {
     }
 
     /// The information near a boresight on turns along two tangents, with the track's own unknowns eliminated.
-    fn term(&self, boresight: DVec3, tangents: &[DVec3; 2], beam: &Beam) -> Option<Term> {
+    fn term(&self, boresight: DVec3, tangents: &[DVec3; 2], beam: &Beam) -> Option<TrackTerm<2>> {
         if self.averages.len() < MIN_BINS {
             return None;
         }
@@ -123,26 +111,19 @@ impl Aspects {
         subtract_means(&mut rows);
         let variance = rows.iter().map(|row| row.0 * row.0).sum::<f64>() / (rows.len() - 1) as f64;
         let weight = 1.0 / variance.max(MIN_FLUCTUATION * MIN_FLUCTUATION);
-        let mut normal = NormalEquations::new(6);
-        rows.iter().for_each(|(residual, unknowns)| normal.add(unknowns, &[], *residual, weight));
-        let direction = (self.covariance + DMat2::from_diagonal(DVec2::splat(OWN_ERROR_RAD.powi(2)))).inverse();
-        normal.add_entry(2, 2, direction.x_axis.x);
-        normal.add_entry(3, 2, direction.x_axis.y);
-        normal.add_entry(3, 3, direction.y_axis.y);
-        (4..6).for_each(|k| normal.expect(k, 0.0, 1.0 / (ASPECT_SLOPE * ASPECT_SLOPE)));
-        // Keeps an unobserved turn finite: nothing else.
-        (0..2).for_each(|k| normal.expect(k, 0.0, 1e-6));
-        let factor = normal.factor(0.0)?;
-        let column = |k: usize| factor.solve(&std::array::from_fn::<f64, 6, _>(|j| f64::from(u8::from(j == k))));
-        let (x, y, step) = (column(0), column(1), factor.solve(&normal.right));
-        let matrix = DMat2::from_cols_array(&[x[0], x[1], y[0], y[1]]).inverse();
-        Some(Term { matrix, gradient: matrix * DVec2::new(step[0], step[1]), middle_ns: self.middle_ns() })
-    }
-}
-
-impl Term {
-    fn gradient_after(&self, step: DVec2) -> DVec2 {
-        self.gradient - self.matrix * step
+        let mut all = Quadratic::<6>::default();
+        for (residual, unknowns) in &rows {
+            let matrix = unknowns.map(|a| unknowns.map(|b| a * b));
+            all.add(&Quadratic { matrix, gradient: unknowns.map(|a| a * residual) }, weight);
+        }
+        let own = self.covariance + DMat2::from_diagonal(DVec2::splat(OWN_ERROR_RAD * OWN_ERROR_RAD));
+        let known = own.inverse().to_cols_array_2d();
+        (0..2).for_each(|i| (0..2).for_each(|j| all.matrix[2 + i][2 + j] += known[i][j]));
+        let left = all.without(4, ASPECT_SLOPE).without(5, ASPECT_SLOPE);
+        let left = left.without(2, f64::INFINITY).without(3, f64::INFINITY);
+        let matrix = [0, 1].map(|i| [left.matrix[i][0], left.matrix[i][1]]);
+        let quadratic = Quadratic { matrix, gradient: [left.gradient[0], left.gradient[1]] };
+        Some(TrackTerm { quadratic, variance_factor: 1.0, middle_ns: self.middle_ns() })
     }
 }
 
@@ -183,12 +164,14 @@ pub(super) fn boresight<'a>(tracks: impl Iterator<Item = &'a Aspects>, beam: &Be
     let (mut direction, mut found) = (expected, None);
     for _ in 0..MAX_ITERATIONS {
         let tangents = <[DVec3; 2]>::from(direction.any_orthonormal_pair());
-        let terms: Vec<Term> = tracks.iter().filter_map(|track| track.term(direction, &tangents, beam)).collect();
-        let off = DVec2::from_array(tangents.map(|tangent| tangent.dot(expected)));
-        let (step, covariance) = combined(&terms, off);
-        let step = step.clamp_length_max(MAX_STEP_RAD);
+        let terms: Vec<TrackTerm<2>> = tracks.iter().filter_map(|t| t.term(direction, &tangents, beam)).collect();
+        let mut prior = Quadratic::default();
+        tangents.iter().enumerate().for_each(|(k, tangent)| prior.expect(k, tangent.dot(expected), PRIOR_RAD));
+        let combination = combine(&terms, &prior, &[PRIOR_RAD; 2])?;
+        let step = DVec2::from_array(combination.step).clamp_length_max(MAX_STEP_RAD);
         direction = (direction + tangents[0] * step.x + tangents[1] * step.y).normalize();
-        let sigma_rad = covariance.x_axis.x.max(covariance.y_axis.y).sqrt();
+        let [x, y] = combination.covariance;
+        let sigma_rad = x[0].max(y[1]).sqrt();
         let is_plausible = direction.angle_between(expected) <= PRIOR_RAD;
         let observable = sigma_rad <= OBSERVED_RAD && terms.len() >= MIN_TRACKS && is_plausible;
         found = Some(Boresight {
@@ -202,35 +185,6 @@ pub(super) fn boresight<'a>(tracks: impl Iterator<Item = &'a Aspects>, beam: &Be
         }
     }
     found
-}
-
-/// The step of the boresight and its covariance, which grows with the tracks' disagreement; `off` is where the prior expects
-/// it.
-fn combined(terms: &[Term], off: DVec2) -> (DVec2, DMat2) {
-    let prior = DMat2::from_diagonal(DVec2::splat(PRIOR_RAD.powi(-2)));
-    let mut weights = vec![1.0; terms.len()];
-    let (mut step, mut sum) = (DVec2::ZERO, prior);
-    for _ in 0..ROUNDS {
-        let weighted = || terms.iter().zip(&weights);
-        sum = weighted().fold(prior, |sum, (term, weight)| sum + term.matrix * *weight);
-        step = sum.inverse() * weighted().fold(prior * off, |sum, (term, weight)| sum + term.gradient * *weight);
-        for (weight, term) in weights.iter_mut().zip(terms) {
-            let gradient = term.gradient_after(step);
-            let deviation2 = gradient.dot((term.matrix + prior).inverse() * gradient);
-            *weight = 1.0 / (1.0 + deviation2 / (HALF_WEIGHT_DEVIATION * HALF_WEIGHT_DEVIATION));
-        }
-    }
-    let covariance = sum.inverse();
-    let (mut single, mut together) = (DVec2::ZERO, BTreeMap::<i64, DVec2>::new());
-    for (term, weight) in terms.iter().zip(&weights) {
-        let change = covariance * term.gradient_after(step) * *weight;
-        single += change * change;
-        *together.entry(term.middle_ns.div_euclid(SHARED_ERROR_NS)).or_default() += change;
-    }
-    let shared: DVec2 = together.values().map(|change| *change * *change).sum();
-    let variance = DVec2::new(covariance.x_axis.x, covariance.y_axis.y);
-    let scale = DMat2::from_diagonal((single.max(shared) / variance).max(DVec2::ONE).map(f64::sqrt));
-    (step, scale * covariance * scale)
 }
 
 #[cfg(test)]

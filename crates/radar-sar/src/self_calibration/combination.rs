@@ -1,8 +1,8 @@
-//! Corrections from all tracks, robustly.
+//! What all tracks agree on, robustly: the corrections, or the turns of the boresight.
 
 use std::collections::BTreeMap;
 
-use super::corrections::{CORRECTIONS, Corrections, Matrix, Quadratic, dot, inverse, product, solution};
+use super::corrections::{CORRECTIONS, Matrix, Quadratic, dot, inverse, product, solution};
 
 /// Rounds of reweighting. Choice: the weights change little after the third.
 const ROUNDS: usize = 5;
@@ -11,89 +11,96 @@ const ROUNDS: usize = 5;
 const HALF_WEIGHT_DEVIATION: f64 = 3.0;
 /// A track of less than this share of its weight is counted as contradicting the others.
 const CONTRADICTING_SHARE: f64 = 0.5;
-/// 1σ of what a single track may deviate by beyond its own errors: it bounds the deviation in a correction that
-/// the track does not observe. Choice: ten times what matters.
-const TRACK_SPREAD: Corrections = [10e-3, 30e-3, 30e-3, 30e-3, 5e-3];
 /// Tracks whose middles lie within this time share the errors of their poses, nanoseconds. Choice: tracks last up to 5 s.
 const SHARED_ERROR_NS: i64 = 5_000_000_000;
 
-/// What one track says of the present corrections.
+/// One track's information at the present values of the unknowns that all tracks share.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TrackTerm {
-    pub quadratic: Quadratic,
+pub(super) struct TrackTerm<const N: usize = CORRECTIONS> {
+    pub quadratic: Quadratic<N>,
     /// See [`Information`](super::information::Information).
     pub variance_factor: f64,
     /// Middle of the track, host nanoseconds.
     pub middle_ns: i64,
 }
 
-/// The step to the best corrections, with their covariance.
+/// The step to the best values, with their covariance.
 #[derive(Debug, Clone)]
-pub(super) struct Combination {
-    pub step: Corrections,
-    pub covariance: Matrix,
+pub(super) struct Combination<const N: usize = CORRECTIONS> {
+    pub step: [f64; N],
+    pub covariance: Matrix<N>,
     /// Weight of each track.
     pub weights: Vec<f64>,
-    /// By how much the tracks disagree beyond their own errors, as a factor of the variance, over all corrections; at
+    /// By how much the tracks disagree beyond their own errors, as a factor of the variance, over all unknowns; at
     /// least 1.
     pub disagreement: f64,
     /// Tracks used, and tracks that contradict the others.
     pub counts: (usize, usize),
 }
 
-/// Combines the tracks' terms, all at the same corrections, with the prior. `None` when that does not
-/// determine every correction.
-pub(super) fn combine(tracks: &[TrackTerm], prior: &Quadratic) -> Option<Combination> {
+/// Combines the tracks' terms, all at the same values, with the prior. `None` when that does not determine every
+/// unknown. `spread`: 1σ of what a single track may deviate by beyond its own errors; it bounds the deviation in an
+/// unknown that the track does not observe.
+pub(super) fn combine<const N: usize>(
+    tracks: &[TrackTerm<N>],
+    prior: &Quadratic<N>,
+    spread: &[f64; N],
+) -> Option<Combination<N>> {
     let own: Vec<f64> = tracks.iter().map(|track| 1.0 / track.variance_factor).collect();
     let mut weights = own.clone();
-    let mut step = Corrections::default();
+    let mut step = [0.0; N];
     for _ in 0..ROUNDS {
         let sum = sum(tracks, &weights, prior);
         step = solution(&sum.factor()?, &sum.gradient);
         for ((weight, own), track) in weights.iter_mut().zip(&own).zip(tracks) {
-            let deviation2 = squared_deviation(&track.quadratic.after(&step), *own);
+            let deviation2 = squared_deviation(&track.quadratic.after(&step), *own, spread);
             *weight = own / (1.0 + deviation2 / (HALF_WEIGHT_DEVIATION * HALF_WEIGHT_DEVIATION));
         }
     }
-    let covariance = inverse(&sum(tracks, &weights, prior).factor()?);
+    let covariance: Matrix<N> = inverse(&sum(tracks, &weights, prior).factor()?);
     let factors = disagreement(tracks, &weights, &step, &covariance);
     let scale = factors.map(f64::sqrt);
     let contradicting = weights.iter().zip(&own).filter(|(weight, own)| **weight < CONTRADICTING_SHARE * **own).count();
     Some(Combination {
         step,
         covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] * scale[i] * scale[j])),
-        disagreement: factors.iter().sum::<f64>() / CORRECTIONS as f64,
+        disagreement: factors.iter().sum::<f64>() / N as f64,
         counts: (tracks.len() - contradicting, contradicting),
         weights,
     })
 }
 
 /// Sum of the weighted tracks and the prior.
-fn sum(tracks: &[TrackTerm], weights: &[f64], prior: &Quadratic) -> Quadratic {
+fn sum<const N: usize>(tracks: &[TrackTerm<N>], weights: &[f64], prior: &Quadratic<N>) -> Quadratic<N> {
     let mut sum = *prior;
     tracks.iter().zip(weights).for_each(|(track, weight)| sum.add(&track.quadratic, *weight));
     sum
 }
 
-/// Squared deviation of a track's own optimum from the present corrections, in standard deviations.
-fn squared_deviation(track: &Quadratic, weight: f64) -> f64 {
+/// Squared deviation of a track's own optimum from the present values, in standard deviations.
+fn squared_deviation<const N: usize>(track: &Quadratic<N>, weight: f64, spread: &[f64; N]) -> f64 {
     let mut bounded = Quadratic::default();
     bounded.add(track, weight);
     let gradient = bounded.gradient;
-    (0..CORRECTIONS).for_each(|k| bounded.expect(k, 0.0, TRACK_SPREAD[k]));
+    (0..N).for_each(|k| bounded.expect(k, 0.0, spread[k]));
     bounded.factor().map_or(f64::INFINITY, |factor| dot(&gradient, &solution(&factor, &gradient)))
 }
 
-/// By how much the variance of each correction exceeds what the tracks' own errors explain, at least 1: from what each
+/// By how much the variance of each unknown exceeds what the tracks' own errors explain, at least 1: from what each
 /// track, and all tracks of one time together, change of it.
-fn disagreement(tracks: &[TrackTerm], weights: &[f64], step: &Corrections, covariance: &Matrix) -> Corrections {
-    let mut together: BTreeMap<i64, Corrections> = BTreeMap::new();
-    let mut single = Corrections::default();
+fn disagreement<const N: usize>(
+    tracks: &[TrackTerm<N>],
+    weights: &[f64],
+    step: &[f64; N],
+    covariance: &Matrix<N>,
+) -> [f64; N] {
+    let mut together: BTreeMap<i64, [f64; N]> = BTreeMap::new();
+    let mut single = [0.0; N];
     for (track, weight) in tracks.iter().zip(weights) {
         let pull = track.quadratic.after(step).gradient.map(|gradient| gradient * weight);
         let change = product(covariance, &pull);
-        let sum = together.entry(track.middle_ns.div_euclid(SHARED_ERROR_NS)).or_default();
-        for k in 0..CORRECTIONS {
+        let sum = together.entry(track.middle_ns.div_euclid(SHARED_ERROR_NS)).or_insert([0.0; N]);
+        for k in 0..N {
             single[k] += change[k] * change[k];
             sum[k] += change[k];
         }
@@ -107,6 +114,8 @@ fn disagreement(tracks: &[TrackTerm], weights: &[f64], step: &Corrections, covar
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const SPREAD: [f64; CORRECTIONS] = [10e-3, 30e-3, 30e-3, 30e-3, 5e-3];
 
     /// A track that says the first correction is `offset` ± `sigma`, and nothing else.
     fn track(offset: f64, sigma: f64, middle_s: i64) -> TrackTerm {
@@ -124,7 +133,7 @@ mod tests {
     #[test]
     fn tracks_are_weighted_and_outliers_lose_their_weight() {
         let tracks = [track(20e-3, 1e-3, 0), track(21e-3, 1e-3, 10), track(19e-3, 1e-3, 20), track(-30e-3, 2e-3, 30)];
-        let all = combine(&tracks, &vague()).unwrap();
+        let all = combine(&tracks, &vague(), &SPREAD).unwrap();
         assert!((all.step[0] - 20e-3).abs() < 0.2e-3, "{all:?}");
         assert_eq!(all.counts, (3, 1));
         let sigma = all.covariance[0][0].sqrt();
@@ -134,7 +143,7 @@ mod tests {
 
     #[test]
     fn two_that_contradict_each_other_are_uncertain_together() {
-        let two = combine(&[track(20e-3, 1e-3, 0), track(-20e-3, 1e-3, 0)], &vague()).unwrap();
+        let two = combine(&[track(20e-3, 1e-3, 0), track(-20e-3, 1e-3, 0)], &vague(), &SPREAD).unwrap();
         assert!(two.covariance[0][0].sqrt() > 5e-3, "{two:?}");
     }
 
@@ -143,7 +152,7 @@ mod tests {
         let at = |times: [i64; 6]| {
             let offsets = [4e-3, 4.1e-3, 3.9e-3, -4e-3, -4.1e-3, -3.9e-3];
             let tracks: Vec<_> = offsets.iter().zip(times).map(|(offset, s)| track(*offset, 2e-3, s)).collect();
-            combine(&tracks, &vague()).unwrap().covariance[0][0].sqrt()
+            combine(&tracks, &vague(), &SPREAD).unwrap().covariance[0][0].sqrt()
         };
         assert!(at([0, 0, 0, 30, 30, 30]) > 1.3 * at([0, 10, 20, 30, 40, 50]));
     }

@@ -13,29 +13,35 @@ pub(super) const SHIFT: usize = 1;
 pub(super) const BIAS: usize = 4;
 
 pub(super) type Corrections = [f64; CORRECTIONS];
-pub(super) type Matrix = [Corrections; CORRECTIONS];
+pub(super) type Matrix<const N: usize = CORRECTIONS> = [[f64; N]; N];
 
 /// Matrix times vector.
-pub(super) fn product(matrix: &Matrix, vector: &Corrections) -> Corrections {
+pub(super) fn product<const N: usize>(matrix: &Matrix<N>, vector: &[f64; N]) -> [f64; N] {
     matrix.map(|row| dot(&row, vector))
 }
 
-pub(super) fn dot(a: &Corrections, b: &Corrections) -> f64 {
+pub(super) fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// Second-order approximation of a log likelihood: gradient − matrix · step is the gradient after a step.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Quadratic {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Quadratic<const N: usize = CORRECTIONS> {
     /// Information: minus the second derivatives.
-    pub matrix: Matrix,
+    pub matrix: Matrix<N>,
     /// First derivatives.
-    pub gradient: Corrections,
+    pub gradient: [f64; N],
 }
 
-impl Quadratic {
+impl<const N: usize> Default for Quadratic<N> {
+    fn default() -> Self {
+        Self { matrix: [[0.0; N]; N], gradient: [0.0; N] }
+    }
+}
+
+impl<const N: usize> Quadratic<N> {
     /// The same, seen from corrections that lie a step away.
-    pub fn after(&self, step: &Corrections) -> Self {
+    pub fn after(&self, step: &[f64; N]) -> Self {
         let change = product(&self.matrix, step);
         Self { gradient: std::array::from_fn(|k| self.gradient[k] - change[k]), ..*self }
     }
@@ -56,7 +62,7 @@ impl Quadratic {
 
     /// The factor of the matrix; `None` when it does not determine every correction.
     pub fn factor(&self) -> Option<Factor> {
-        let mut normal = NormalEquations::new(CORRECTIONS);
+        let mut normal = NormalEquations::new(N);
         for (i, row) in self.matrix.iter().enumerate() {
             row[..=i].iter().enumerate().for_each(|(j, value)| normal.add_entry(i, j, *value));
         }
@@ -80,16 +86,16 @@ impl Quadratic {
 }
 
 /// The inverse of a factored matrix.
-pub(super) fn inverse(factor: &Factor) -> Matrix {
+pub(super) fn inverse<const N: usize>(factor: &Factor) -> Matrix<N> {
     std::array::from_fn(|k| {
-        let unit: Corrections = std::array::from_fn(|j| if j == k { 1.0 } else { 0.0 });
+        let unit: [f64; N] = std::array::from_fn(|j| if j == k { 1.0 } else { 0.0 });
         let column = factor.solve(&unit);
         std::array::from_fn(|j| column[j])
     })
 }
 
 /// The solution of a factored system.
-pub(super) fn solution(factor: &Factor, right: &Corrections) -> Corrections {
+pub(super) fn solution<const N: usize>(factor: &Factor, right: &[f64; N]) -> [f64; N] {
     let solved = factor.solve(right);
     std::array::from_fn(|k| solved[k])
 }
@@ -113,16 +119,16 @@ mod tests {
         let mut joint = with_priors(all);
         joint.expect(OFFSET, 0.0, 1e6);
         let factor = joint.factor().unwrap();
-        let (found, covariance) = (solution(&factor, &joint.gradient), inverse(&factor));
+        let (found, covariance) = (solution(&factor, &joint.gradient), inverse::<CORRECTIONS>(&factor));
         let mut left = with_priors(all.without(OFFSET, f64::INFINITY));
         left.expect(OFFSET, 0.0, 1.0);
         let factor = left.factor().unwrap();
-        let (found_left, covariance_left) = (solution(&factor, &left.gradient), inverse(&factor));
+        let (found_left, covariance_left) = (solution(&factor, &left.gradient), inverse::<CORRECTIONS>(&factor));
         for k in SHIFT..CORRECTIONS {
             assert!((found[k] - found_left[k]).abs() < 1e-9, "{found:?} {found_left:?}");
             assert!((covariance[k][k] / covariance_left[k][k] - 1.0).abs() < 1e-9);
         }
-        let mut own = Quadratic::default();
+        let mut own = <Quadratic>::default();
         own.expect(OFFSET, 1.0, 0.3);
         let with_error = own.without(OFFSET, 0.4);
         assert!((with_error.matrix[OFFSET][OFFSET] - 4.0).abs() < 1e-12, "0.3² + 0.4² = 0.5²");
@@ -136,6 +142,6 @@ mod tests {
 
     #[test]
     fn undetermined_corrections_have_no_factor() {
-        assert!(Quadratic::default().factor().is_none());
+        assert!(Quadratic::<CORRECTIONS>::default().factor().is_none());
     }
 }

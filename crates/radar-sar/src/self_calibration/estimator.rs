@@ -62,6 +62,8 @@ const DRIFT_SCALE_BOUNDS: (f64, f64) = (0.04, 64.0);
 /// wanders by 5 mm jumps, has late stamps and a bent frame as well, and the errors are twice what the scatter of the
 /// tracks shows; up to here they agree.
 const TRUSTED_DRIFT_M: f64 = 2.5e-3;
+/// 1σ of what a single track may deviate by beyond its own errors. Choice: ten times what matters.
+const TRACK_SPREAD: Corrections = [10e-3, 30e-3, 30e-3, 30e-3, 5e-3];
 /// An offset with a greater 1σ counts as unobserved, seconds. Choice: 5 ms misplace an echo by 5 mm
 /// at 1 m/s; it would not improve anything.
 const OBSERVED_S: f64 = 5e-3;
@@ -292,7 +294,8 @@ impl SelfCalibration {
             // A large drift explains any offset: starts are compared without it.
             let change = if rounds == Rounds::Start { 1.0 } else { drift_change(tracks, point.drift_scale) };
             let terms = self.terms(tracks.iter(), &point);
-            let combination = if terms.is_empty() { None } else { combine(&terms, &self.prior_at(&point.at)) }?;
+            let combination =
+                if terms.is_empty() { None } else { combine(&terms, &self.prior_at(&point.at), &TRACK_SPREAD) }?;
             let is_small = |k: usize| combination.step[k].abs() <= SMALL_STEP * combination.covariance[k][k].sqrt();
             let is_done = (0..CORRECTIONS).all(is_small) && (1.0 / REFIT_DRIFT..REFIT_DRIFT).contains(&change);
             for (at, (step, most)) in point.at.iter_mut().zip(combination.step.iter().zip(MAX_STEP)) {
