@@ -198,7 +198,7 @@ mod tests {
             tracks: 30,
             observable,
         };
-        assert_eq!(mount.update(0, &nothing, Some(&facing(0.4, true))), None, "small");
+        assert_eq!(mount.update(0, &nothing, Some(&facing(0.7, true))), None, "small");
         assert!(mount.is_settled(&nothing));
         assert_eq!(mount.update(S, &nothing, Some(&facing(1.5, false))), None, "not observed");
         assert!(!mount.is_settled(&nothing), "it may face elsewhere");

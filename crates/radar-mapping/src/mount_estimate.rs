@@ -12,9 +12,9 @@ const OBSERVED_M: f64 = 10e-3;
 /// the tracking leave errors larger than a Gaussian's; a ruler is no better than 5 mm.
 const SIGNIFICANT: f64 = 4.0;
 const MIN_CONTRADICTION_M: f64 = 5e-3;
-/// The assumed direction is contradicted from this angle on as well, rad. Choice: 30°, where the beam without a lens has half
-/// its amplitude; the greatest error measured in furnished rooms is 25° (`lab --example mount`).
-pub(crate) const MIN_CONTRADICTION_RAD: f64 = 0.524;
+/// The assumed direction is contradicted from this angle on as well, rad. Choice: 45°; a sensor that is set to face sideways, up,
+/// down or back is off by 90° or more, and in furnished rooms estimates were wrong by up to 32° (`lab --example mount`).
+pub(crate) const MIN_CONTRADICTION_RAD: f64 = std::f64::consts::FRAC_PI_4;
 
 /// Where the sensor faces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
