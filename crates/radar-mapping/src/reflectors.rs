@@ -114,7 +114,8 @@ pub fn find_reflectors(
         let evidence = sum / (count.max(1) as f64).sqrt();
         let strongest = found.first().map_or(evidence, |f| f.evidence);
         let stands_out = count >= MIN_SWEEPS && evidence >= settings.threshold_sigma.max(strongest * DYNAMIC_RANGE);
-        let pair = if stands_out { split(&power, &refined, errors) } else { None };
+        let errors = PositionErrors { wander_m: refined.wander_m, ..*errors };
+        let pair = if stands_out { split(&power, &refined, &errors) } else { None };
         let stands = stands_out && (pair.is_some() || found.is_empty() || is_static(&refined, sum / count as f64));
         let parts = pair.map_or(vec![refined], Vec::from);
         // Masked in any case: the search must go on elsewhere. It ends when nothing is left to

@@ -18,8 +18,13 @@ const SIMULATED: &str = "All from simulation: 20 dB SNR at 1 m unless a row says
 /// Position of a reflector, pairs, time offset.
 pub(super) fn reflectors(extent: Extent) -> Result<Page> {
     let trials = &REFLECTOR_TRIALS[..extent.choose(REFLECTOR_TRIALS.len(), 1)];
-    let options =
-        ReflectorOptions { seeds: 2000..extent.choose(2200, 2003), without: None, near: true, by_axis: false };
+    let options = ReflectorOptions {
+        seeds: 2000..extent.choose(2200, 2003),
+        without: None,
+        near: true,
+        by_axis: false,
+        unknown_wander_m: None,
+    };
     let page = Page::new("Position of a reflector", "")
         .text(SIMULATED)
         .heading("One corner reflector")

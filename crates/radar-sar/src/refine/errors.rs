@@ -50,6 +50,13 @@ impl PositionErrors {
         Self { wander_m: 0.0, mount_m: 0.0, jitter_m: 0.0, rotation_deg: 0.0, ..Self::default() }
     }
 
+    /// The same with all slow errors together of this rms in each axis, metres, if that is more.
+    #[must_use]
+    pub fn with_slow_error_m(&self, slow_m: f64) -> Self {
+        let more_m2 = (slow_m * slow_m - self.slow_variance_m2()).max(0.0);
+        Self { wander_m: (self.wander_m * self.wander_m + more_m2).sqrt(), ..*self }
+    }
+
     /// Variance per axis of all slow errors: drift, and rotation at the end of the lever arm, which
     /// moves two of three axes.
     pub(crate) fn slow_variance_m2(&self) -> f64 {
@@ -60,5 +67,19 @@ impl PositionErrors {
     /// Variance of the mount's error per axis.
     pub(crate) fn mount_variance_m2(&self) -> f64 {
         self.mount_m * self.mount_m / 3.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_errors_only_grow() {
+        let errors = PositionErrors::default();
+        assert_eq!(errors.with_slow_error_m(0.5e-3), errors);
+        let grown = errors.with_slow_error_m(4e-3);
+        assert!((grown.slow_variance_m2().sqrt() - 4e-3).abs() < 1e-12);
+        assert_eq!(PositionErrors { wander_m: errors.wander_m, ..grown }, errors);
     }
 }

@@ -37,6 +37,15 @@ const OPEN_M: f64 = 10.0;
 /// used.
 const MAX_PHASE_MISFIT: f64 = 2.0;
 
+/// Gain of the log-likelihood from which on more drift than the settings state is believed. Choice: exceeded by chance in 1 %
+/// (half of a chi-square of one degree of freedom).
+const MIN_DRIFT_GAIN: f64 = 2.7;
+/// Factor between the drifts that are tried, the least and the greatest, metres. Choice: 20 % matters little to a covariance; more
+/// than 30 mm no tracking that is of use drifts.
+const DRIFT_STEP: f64 = 1.25;
+const MIN_DRIFT_M: f64 = 0.2e-3;
+const MAX_DRIFT_M: f64 = 30e-3;
+
 /// Variance of the length from a phase, given the power over the noise.
 fn phase_variance_m2(power: f64) -> f64 {
     0.5 / (power * PHASE_RAD_PER_M * PHASE_RAD_PER_M) + PHASE_FLOOR_M * PHASE_FLOOR_M
@@ -134,6 +143,35 @@ pub(super) fn fit_ranges(all: &[Measured], errors: &PositionErrors) -> Fit {
         squares.extend(filter.update(&expected, &[one.range_off_m], 0));
     }
     Fit::of(&filter, &[1.0], misfit(&squares))
+}
+
+/// The pose errors with the drift that makes the ranges most likely, at least that of `errors`.
+pub(super) fn with_drift_of(all: &[Measured], errors: &PositionErrors) -> PositionErrors {
+    let cost = |errors: &PositionErrors| {
+        let mut filter = open_start(errors);
+        let costs = all.iter().map(|one| {
+            filter.advance(&one.sight);
+            let expected = filter.predict(&one.sight, false, one.range_variance_m2);
+            let square = filter.update(&expected, &[one.range_off_m], 0)[0];
+            0.5 * (square + math::ln(expected.variance_m2))
+        });
+        costs.sum::<f64>()
+    };
+    let as_set = cost(errors);
+    let mut best = (as_set - MIN_DRIFT_GAIN, *errors);
+    let mut drifting = *errors;
+    while drifting.wander_m < MAX_DRIFT_M {
+        drifting.wander_m = (drifting.wander_m * DRIFT_STEP).max(MIN_DRIFT_M);
+        let cost = cost(&drifting);
+        // The likelihood has one maximum.
+        if cost > best.0 && best.1 != *errors {
+            break;
+        }
+        if cost < best.0 {
+            best = (cost, drifting);
+        }
+    }
+    best.1
 }
 
 /// Fits ranges and phases together, every hypothesis weighted by its likelihood; `None` when the

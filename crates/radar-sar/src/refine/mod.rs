@@ -53,6 +53,8 @@ pub struct Refined {
     pub cross_range_sigma_m: [f64; 2],
     /// Number of sweeps used.
     pub sweeps: usize,
+    /// Slow drift of the poses in each axis that the ranges show, at least the assumed one, metres.
+    pub wander_m: f64,
     /// Rms of the sweeps' range residuals, weighted by power, in pulse widths: small for a
     /// stationary object.
     pub residual_widths: f64,
@@ -110,6 +112,10 @@ pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &P
     }
     let prior = Prior::from(power, &readings, start);
     let top = climb(power, start, reach_m, &prior);
+    let errors = &match reach_m {
+        Some(_) => *errors,
+        None => measurements::with_drift_of(&measured(power, &power.readings(top), top), errors),
+    };
     let weighed = least_squares(
         power,
         top,
@@ -117,7 +123,7 @@ pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &P
         &prior,
         errors,
     )?;
-    let refined = to_refined(power, &weighed, &prior);
+    let refined = to_refined(power, &weighed, &prior, errors);
     if reach_m.is_some() {
         return Some(refined);
     }
@@ -131,7 +137,7 @@ pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &P
     // position along that direction.
     let prior = prior.moved_to_range(weighed.place);
     let settled = least_squares(power, prior.at, StepConstraint::Open, &prior, errors)?;
-    Some(to_refined(power, &settled, &prior.moved_to_range(settled.place)))
+    Some(to_refined(power, &settled, &prior.moved_to_range(settled.place), errors))
 }
 
 /// Damped Newton steps on the log-likelihood.
@@ -258,7 +264,7 @@ fn follow_phase(power: &RangePower, ranged: &PointEstimate, prior: &Prior, error
             break;
         }
     }
-    best.map(|weighed| to_refined(power, &weighed, prior))
+    best.map(|weighed| to_refined(power, &weighed, prior, errors))
 }
 
 /// One round: lengths linearised at a position, whole wavelength numbers from the ranges, then a
@@ -354,7 +360,7 @@ fn data_covariance(
     fit.covariance_m2() + symmetric(&(steep * steep)) * (SPURIOUS_APERTURE_SIGMA * distance_m).powi(2)
 }
 
-fn to_refined(power: &RangePower, weighed: &PointEstimate, prior: &Prior) -> Refined {
+fn to_refined(power: &RangePower, weighed: &PointEstimate, prior: &Prior, errors: &PositionErrors) -> Refined {
     let line_of_sight = (weighed.place - prior.seen_from).normalize_or(prior.forward);
     let mut refined = Refined {
         position_m: weighed.place,
@@ -362,6 +368,7 @@ fn to_refined(power: &RangePower, weighed: &PointEstimate, prior: &Prior) -> Ref
         seen_from_m: prior.seen_from,
         cross_range_sigma_m: cross_range_sigmas(&weighed.data_m2, line_of_sight),
         sweeps: weighed.readings.len(),
+        wander_m: errors.wander_m,
         residual_widths: residual_widths(&weighed.readings),
     };
     if refined.observed_directions() == 1 {
@@ -482,11 +489,16 @@ mod tests {
     /// A 6 cm path with poses that drift by a millimetre; every tenth of a thousand sweeps a
     /// second.
     fn with_wrong_poses(seed: u64) -> Vec<crate::Observation> {
-        let path = |t: f64| winding(t * 2.0) * 0.4;
+        with_drift(seed, 0.4, 1e-3)
+    }
+
+    fn with_drift(seed: u64, path_scale: f64, drift_m: f64) -> Vec<crate::Observation> {
+        let path = |t: f64| winding(t * 2.0) * path_scale;
         let mut all = sweeps(6.0, path, &[(Echo::Point(AT), 10.0)], seed);
         for observation in &mut all {
             let t = (observation.mid_time_ns - 1_000_000_000) as f64 * 1e-9 + seed as f64;
-            let wander = DVec3::new((1.3 * t).sin(), (0.9 * t + 2.0).sin(), (2.1 * t + 1.0).sin()) * 2f64.sqrt() * 1e-3;
+            let wander =
+                DVec3::new((1.3 * t).sin(), (0.9 * t + 2.0).sin(), (2.1 * t + 1.0).sin()) * 2f64.sqrt() * drift_m;
             observation.tracking_from_sensor.translation += wander;
         }
         all.into_iter().step_by(10).collect()
@@ -512,6 +524,24 @@ mod tests {
         assert!(by_phase < 0.25 * by_ranges, "{by_phase} {by_ranges}");
         // Mean of sixteen values: 3 ± 0.6. This test's drift is not the filter's process.
         assert!((1.0..5.0).contains(&normalised), "{normalised}");
+    }
+
+    #[test]
+    fn drift_that_nobody_knew_of_is_estimated_and_goes_into_the_covariance() {
+        let errors = PositionErrors { mount_m: 0.0, ..Default::default() };
+        for (drift_m, expected_m) in [(1e-3, 1e-3..1.6e-3), (4e-3, 2.5e-3..7e-3)] {
+            let mut normalised = 0.0;
+            for seed in 0..8 {
+                let some = with_drift(seed, 1.5, drift_m);
+                let power = RangePower::new(&some, &Beam::Lensless, 0.15);
+                let refined = refine(&power, AT + DVec3::new(0.02, -0.02, 0.01), None, &errors).unwrap();
+                assert!(expected_m.contains(&refined.wander_m), "{drift_m}: {}", refined.wander_m);
+                let off = refined.position_m - AT;
+                normalised += off.dot(refined.covariance_m2.inverse() * off) / 8.0;
+            }
+            // Mean of eight values: 3 ± 0.9. This test's drift is not the filter's process.
+            assert!((0.7..6.0).contains(&normalised), "{drift_m}: {normalised}");
+        }
     }
 
     #[test]

@@ -295,7 +295,7 @@ fn assess_pair(power: &RangePower, fit: &JointFit, errors: &PositionErrors) -> O
         }
         let prior = Prior::from(power, &readings, place);
         let data_m2 = data_covariance(power, &measurements::fit_ranges(&all, errors), &readings, place, errors);
-        Some(to_refined(power, &PointEstimate::new(place, readings, data_m2, &prior), &prior))
+        Some(to_refined(power, &PointEstimate::new(place, readings, data_m2, &prior), &prior, errors))
     };
     Some([judge_one(0)?, judge_one(1)?])
 }

@@ -82,6 +82,8 @@ pub struct ReflectorOptions {
     pub near: bool,
     /// Adds the consistency along each axis of the covariance.
     pub by_axis: bool,
+    /// Slow drift of the tracking that the settings do not know of, metres; `None`: as the settings say.
+    pub unknown_wander_m: Option<f64>,
 }
 
 /// One row per trial. Lengths in mm.
@@ -222,6 +224,9 @@ impl TrialRecording {
             Some(ErrorKind::Rotation) => scenario.errors.rotation_deg = 0.0,
             Some(ErrorKind::Jitter) => scenario.errors.jitter_m = 0.0,
             None => {}
+        }
+        if let Some(wander_m) = options.unknown_wander_m {
+            scenario.errors.wander_m = wander_m;
         }
         let simulated = scenario.run().expect("a known scene and motion");
         let observer = ObserverSettings {
