@@ -112,6 +112,10 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
         let share = 100.0 * counters.cpu_s / counters.running_s.max(1e-3);
         let dropped = counters.frames_dropped + counters.poses_dropped;
         outln!("Imaging   {} obstacles, {share:.1} % of a core, {dropped} frames and poses dropped", report.obstacles)?;
+        let jumps = counters.mapper.streams.tracking_jumps;
+        if jumps > 0 {
+            outln!("Tracking  {jumps} jumps; the map did not jump")?;
+        }
     }
     if let Some(sigma_s) = report.time_offset_sigma_s {
         outln!("Time      offset {:.1} ± {:.1} ms in use", ms(report.time_offset_s), ms(sigma_s))?;

@@ -392,7 +392,7 @@ fn eye_previews(
     settings: &Settings,
 ) -> Result<Vec<Figure>> {
     let sensor_from_head = header.head_from_sensor.inverse();
-    let heads = mapper.sensor_path().iter().map(|(_, pose)| *pose * sensor_from_head);
+    let heads = mapper.sensor_path().map(|(_, pose)| pose * sensor_from_head);
     let brightness = |head: &Pose| brightness_ahead(&warn(scene, head, &settings.warning), head);
     let Some(head) = heads.max_by(|a, b| brightness(a).total_cmp(&brightness(b))) else { return Ok(Vec::new()) };
     let warnings = warn(scene, &head, &settings.warning);

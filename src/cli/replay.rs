@@ -212,7 +212,7 @@ fn restore_map(mapper: &mut Mapper, path: &Path, begin_ns: i64) -> Result<()> {
 
 /// Path of the sensor, metres.
 pub(super) fn sensor_path(mapper: &Mapper) -> Vec<glam::DVec3> {
-    mapper.sensor_path().iter().map(|(_, pose)| pose.translation).collect()
+    mapper.sensor_path().map(|(_, pose)| pose.translation).collect()
 }
 
 /// Writes obstacles.json with all counters.
@@ -261,6 +261,9 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper, sparse: Option<&Sparse
     ];
     for (what, count) in left_out.iter().filter(|(_, count)| *count > 0) {
         let _ = writeln!(text, "left out: {count} {what}");
+    }
+    if streams.tracking_jumps > 0 {
+        let _ = writeln!(text, "the tracking jumped ({} times); the map did not", streams.tracking_jumps);
     }
     if let Some(sparse) = sparse.filter(|_| streams.sweeps_in_pose_gap > 0) {
         let _ = writeln!(text, "{} sweeps have no pose: {}", streams.sweeps_in_pose_gap, sparse.remedy());

@@ -69,6 +69,7 @@ fn rows(about: &RecordingInfo, health: &Health, time_s: f64) -> Vec<Row> {
             format!("{} used, {refused} rejected", streams.poses.saturating_sub(refused)),
             refused * 20 <= streams.poses,
         ),
+        ("Tracking jumps", streams.tracking_jumps.to_string(), true),
         ("Time offset", offset(health), true),
     ];
     if about.search == MapperKind::Rooms {

@@ -29,6 +29,7 @@ mod saved_map;
 mod sensor_rules;
 mod serve;
 mod settings_file;
+mod tracking_jumps;
 mod transcripts;
 mod vendor_file;
 mod view;

@@ -125,6 +125,11 @@ impl CalibrationControl {
         self.found.filter(|_| self.estimates_offset).map(|found| found.time_offset)
     }
 
+    /// Slow tracking error in each axis as last estimated, rms, metres.
+    pub fn slow_error_m(&self) -> Option<f64> {
+        self.found.map(|found| found.drift_m)
+    }
+
     /// The mount in use.
     pub fn mount(&self) -> MountInUse {
         self.mount.state()

@@ -1,6 +1,7 @@
 //! Voxels with evidence for display: more than the evidence that became an obstacle.
 
 use glam::{DVec3, Vec3};
+use radar_sar::geometry::Pose;
 
 /// Scores of voxels, the highest first.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -23,6 +24,13 @@ impl Evidence {
         voxels.sort_unstable_by(order);
         voxels.truncate(most);
         Self { voxel_m, voxels: voxels.into_iter().map(|(point, score)| (point.as_vec3(), score)).collect() }
+    }
+
+    /// The same in another frame.
+    pub(crate) fn moved(mut self, to_from: &Pose) -> Self {
+        let moved = |at: Vec3| to_from.transform_point(at.as_dvec3()).as_vec3();
+        self.voxels.iter_mut().for_each(|(at, _)| *at = moved(*at));
+        self
     }
 }
 

@@ -3,6 +3,9 @@
 //! The observer gives each sweep the sensor's pose at its own time; the search maps the sweeps; the
 //! calibration control corrects the time between the streams and the sensor's mount. There is no clock, no I/O and no
 //! randomness: the same events and settings give the same scene, byte for byte.
+//!
+//! What goes in and comes out is in the tracking frame of its time. Inside, the map is in the map frame, which does not follow
+//! jumps of the tracking frame; so the room stays where it is to the head, whatever the tracking does.
 
 use a121::SensorConfig;
 use glam::DVec3;
@@ -13,8 +16,8 @@ use serde::{Deserialize, Serialize};
 use super::calibration_control::{CalibrationChange, CalibrationControl, MountCounters, TimeOffsetCounters};
 use super::search::Search;
 use super::{
-    Accepted, Event, Evidence, MapperKind, MappingSettings, MountInUse, Observer, ObserverCounters, ObserverSettings,
-    Refusal, RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
+    Accepted, Event, Evidence, HandsSample, MapperKind, MappingSettings, MountInUse, Observer, ObserverCounters,
+    ObserverSettings, Refusal, RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
 };
 
 /// Interval of the recorded sensor path, nanoseconds. Choice: a head at 1 m/s moves 2 cm, and an
@@ -69,7 +72,8 @@ pub struct Mapper {
     /// Time of the newest observation, and the end of its sweep.
     newest_ns: Option<(i64, i64)>,
     counts: Counts,
-    polled_updates: u64,
+    /// Map updates and jumps of the tracking frame at the last poll.
+    polled: (u64, u64),
     is_deferred: bool,
     is_estimate_due: bool,
 }
@@ -103,7 +107,7 @@ impl Mapper {
             sensor_path: Vec::new(),
             newest_ns: None,
             counts: Counts::default(),
-            polled_updates: 0,
+            polled: (0, 0),
             is_deferred: false,
             is_estimate_due: false,
         }
@@ -142,7 +146,9 @@ impl Mapper {
         match event {
             Event::Frame(frame) => self.observer.push_frame(frame).map(|()| Accepted::default()),
             Event::Hands(hands) => {
-                self.search.push_hands(&hands);
+                let map_from_tracking = self.observer.map_from_tracking();
+                let hands_m = hands.hands_m.map(|hand| hand.map(|at_m| map_from_tracking.transform_point(at_m)));
+                self.search.push_hands(&HandsSample { hands_m, ..hands });
                 Ok(Accepted::default())
             }
             Event::Pose(pose) => {
@@ -224,7 +230,11 @@ impl Mapper {
 
     fn update_calibration(&mut self) {
         let now_ns = self.observer.newest_pose_ns().unwrap_or(i64::MIN);
-        let Some(change) = self.calibration.update(now_ns) else { return };
+        let change = self.calibration.update(now_ns);
+        if let Some(slow_error_m) = self.calibration.slow_error_m() {
+            self.search.set_errors(self.settings.tracking.errors.with_slow_error_m(slow_error_m));
+        }
+        let Some(change) = change else { return };
         self.observer.set_time_offset_s(self.calibration.in_use_s());
         self.observer.set_mount(self.calibration.mount().in_use);
         self.repose(&change);
@@ -250,19 +260,34 @@ impl Mapper {
         }
     }
 
-    /// The scene after a new map update, once for each; `None` when there was none since the last
-    /// call. Single reflectors have no updates: they are searched by [`scene`](Self::scene).
+    /// The scene after a new map update or a jump of the tracking frame, once for each; `None` when there was none since the
+    /// last call. Single reflectors have no updates: they are searched by [`scene`](Self::scene).
     pub fn poll_scene(&mut self) -> Option<Scene> {
-        let updates = self.search.updates();
-        let is_new = updates != self.polled_updates;
-        self.polled_updates = updates;
+        let state = (self.search.updates(), self.tracking_jumps());
+        let is_new = state != self.polled;
+        self.polled = state;
         is_new.then(|| self.scene())
     }
 
-    /// The obstacles, walls and moving targets found so far. For single reflectors this does the
-    /// search.
+    /// How often the tracking frame has jumped. From a jump on the scene has other coordinates.
+    pub fn tracking_jumps(&self) -> u64 {
+        self.observer.counters().tracking_jumps
+    }
+
+    /// The obstacles, walls and moving targets found so far, in the tracking frame of the newest pose. For single reflectors
+    /// this does the search.
     pub fn scene(&self) -> Scene {
-        self.search.scene(self.newest_ns.map_or(0, |(time_ns, _)| time_ns))
+        let scene = self.search.scene(self.newest_ns.map_or(0, |(time_ns, _)| time_ns));
+        match self.tracking_from_map() {
+            Some(tracking_from_map) => scene.moved(&tracking_from_map),
+            None => scene,
+        }
+    }
+
+    /// Transforms from the map frame to the tracking frame of the newest pose; `None` when they are the same.
+    fn tracking_from_map(&self) -> Option<Pose> {
+        let map_from_tracking = self.observer.map_from_tracking();
+        (map_from_tracking != Pose::IDENTITY).then(|| map_from_tracking.inverse())
     }
 
     /// How it maps.
@@ -284,17 +309,30 @@ impl Mapper {
     /// The `most` strongest voxels with evidence: sub-aperture scores from 2 on, which noise
     /// reaches; for single reflectors the excess over noise.
     pub fn evidence(&self, most: usize) -> Evidence {
-        self.search.evidence(most)
+        let evidence = self.search.evidence(most);
+        match self.tracking_from_map() {
+            Some(tracking_from_map) => evidence.moved(&tracking_from_map),
+            None => evidence,
+        }
     }
 
     /// Candidates scored in the last map update, for training the classifier.
-    pub fn scored_candidates(&self) -> &[ScoredCandidate] {
-        self.search.scored_candidates()
+    pub fn scored_candidates(&self) -> Vec<ScoredCandidate> {
+        let to_from = self.observer.map_from_tracking().inverse();
+        let moved = |candidate: &ScoredCandidate| {
+            let position_m = to_from.transform_point(candidate.position_m);
+            ScoredCandidate { position_m, ..candidate.clone() }
+        };
+        self.search.scored_candidates().iter().map(moved).collect()
     }
 
     /// The map for saving; empty for single reflectors.
     pub fn saved_map(&self) -> SavedMap {
-        self.search.saved_map()
+        let saved = self.search.saved_map();
+        match self.tracking_from_map() {
+            Some(tracking_from_map) => saved.moved(&tracking_from_map),
+            None => saved,
+        }
     }
 
     /// Restores a saved map, in the tracking frame, as provisional; ignored for single reflectors.
@@ -302,7 +340,10 @@ impl Mapper {
     /// # Errors
     /// Numbers that are not valid for a room; nothing is restored then.
     pub fn restore(&mut self, saved: &SavedMap) -> Result<(), SavedMapError> {
-        self.search.restore(saved)
+        match self.tracking_from_map() {
+            Some(tracking_from_map) => self.search.restore(&saved.moved(&tracking_from_map.inverse())),
+            None => self.search.restore(saved),
+        }
     }
 
     /// The time offset in use: time of a sweep's pose minus time of the sweep, seconds.
@@ -332,9 +373,10 @@ impl Mapper {
         self.observer.head()
     }
 
-    /// The sensor path, every 20 ms: time and `tracking_from_sensor`.
-    pub fn sensor_path(&self) -> &[(i64, Pose)] {
-        &self.sensor_path
+    /// The sensor path, every 20 ms: time and `tracking_from_sensor`, in the frame of the scene.
+    pub fn sensor_path(&self) -> impl Iterator<Item = (i64, Pose)> {
+        let to_from = self.tracking_from_map().unwrap_or(Pose::IDENTITY);
+        self.sensor_path.iter().map(move |(time_ns, sensor)| (*time_ns, to_from * *sensor))
     }
 
     /// Clears the recorded sensor path, for long runs that do not draw it.

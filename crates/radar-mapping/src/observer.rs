@@ -4,6 +4,9 @@
 //! end, or less by the settings. Each sweep then gets the sensor's pose at its own time: pose time
 //! = sweep time + time offset. A frame that waits behind 256 others uses the poses known so far. Frames
 //! without any pose are counted.
+//!
+//! Poses arrive in the tracking frame and leave in the map frame, the tracking frame of the first pose: a jump of the
+//! tracking frame moves neither the path nor the map.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -41,7 +44,7 @@ pub struct ObserverSettings {
     pub time_offset_s: f64,
 }
 
-/// State of the sensor at a time of the pose stream.
+/// State of the sensor at a time of the pose stream, in the map frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorState {
     /// Time of the pose stream, host nanoseconds.
@@ -81,6 +84,9 @@ pub struct ObserverCounters {
     pub frames_time_leapt: u64,
     /// Frames without a pose for any sweep.
     pub frames_without_pose: u64,
+    /// Jumps of the tracking frame that the map does not have.
+    #[serde(default)]
+    pub tracking_jumps: u64,
     /// Sweeps skipped: before the first or after the last pose.
     pub sweeps_outside_poses: u64,
     /// Sweeps skipped: in a gap between poses.
@@ -142,9 +148,15 @@ impl Observer {
         &self.counters
     }
 
-    /// The newest valid pose of the head and its time.
+    /// The newest valid pose of the head, in its own tracking frame, and its time.
     pub fn head(&self) -> Option<(i64, Pose)> {
-        self.history.last_pose()
+        let tracking_from_map = self.map_from_tracking().inverse();
+        self.history.last_pose().map(|(time_ns, map_from_head)| (time_ns, tracking_from_map * map_from_head))
+    }
+
+    /// Transforms from the tracking frame of the newest pose to the map frame.
+    pub fn map_from_tracking(&self) -> Pose {
+        self.history.map_from_tracking()
     }
 
     /// Time of the newest pose that was accepted, valid or not.
@@ -233,6 +245,7 @@ impl Observer {
         }
         let pushed = self.history.push(sample);
         self.history.keep_newest(MAX_POSES);
+        self.counters.tracking_jumps = self.history.jumps_followed();
         match pushed {
             Ok(()) => {}
             Err(PoseRefusal::Invalid | PoseRefusal::Result(_)) => self.counters.poses_invalid += 1,
@@ -301,7 +314,8 @@ impl Observer {
 
     /// Time of the pose stream up to which no later pose will change the path.
     fn complete_until_ns(&self) -> Option<i64> {
-        Some(self.history.last_time_ns()?.saturating_sub(self.settings.history.ahead_ns()))
+        let known_ns = self.history.last_time_ns()?.saturating_sub(self.settings.history.ahead_ns());
+        Some(known_ns.min(self.history.one_frame_until_ns()))
     }
 
     fn offset_ns(&self) -> i64 {
@@ -330,7 +344,7 @@ impl Observer {
     }
 }
 
-/// All observations of complete streams, in rising time, with the counters.
+/// All observations of complete streams, in rising time and in the tracking frame of the first pose, with the counters.
 pub fn observe_all(
     config: &SensorConfig,
     settings: ObserverSettings,

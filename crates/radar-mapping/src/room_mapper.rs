@@ -222,6 +222,11 @@ impl RoomMapper {
         self.updates.evidence_ns = before.updates.evidence_ns;
     }
 
+    /// From now on positions have the covariances of these pose errors.
+    pub(crate) fn set_errors(&mut self, errors: PositionErrors) {
+        self.config.errors = errors;
+    }
+
     /// Work done so far.
     pub fn counters(&self) -> RoomMapperCounters {
         let WorkDone { blocks, looks, forgotten, before } = &self.work_done;

@@ -2,8 +2,8 @@
 
 use a121::{SensorConfig, frame_timing};
 use glam::DVec3;
-use radar_sar::Observation;
 use radar_sar::geometry::{Aabb, Pose};
+use radar_sar::{Observation, PositionErrors};
 use serde::{Deserialize, Serialize};
 
 use super::calibration_control::CalibrationChange;
@@ -104,6 +104,13 @@ impl Search {
     pub fn push_hands(&mut self, hands: &HandsSample) {
         if let Self::Rooms(rooms) = self {
             rooms.push_hands(hands.time_ns, hands.hands_m);
+        }
+    }
+
+    /// Takes the pose errors as they were estimated. Single reflectors estimate their own.
+    pub fn set_errors(&mut self, errors: PositionErrors) {
+        if let Self::Rooms(rooms) = self {
+            rooms.set_errors(errors);
         }
     }
 

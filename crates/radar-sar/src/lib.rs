@@ -86,6 +86,7 @@ mod bound;
 mod compression;
 mod cubic;
 mod false_alarm;
+mod frame_step;
 pub mod geometry;
 mod local_fit;
 pub mod math;

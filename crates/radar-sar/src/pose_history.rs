@@ -1,5 +1,8 @@
 //! Pose history, and interpolation to any time between poses, never across a gap or an invalid
 //! pose.
+//!
+//! Poses are kept in the map frame: the tracking frame of the first pose. Where the tracking frame jumps, the poses after it
+//! are moved back by the jump, so that the path goes on as the head does.
 
 use std::collections::VecDeque;
 
@@ -8,10 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{BoundedSettings, SettingBound, bounds};
 
+use super::frame_step::{FrameStep, frame_step};
 use super::local_fit::value_and_rate_weights;
 use super::pose_jumps::JumpDetector;
 use super::{PoseRefusal, PoseSample};
-use crate::geometry::Pose;
+use crate::geometry::{Pose, rotation_vector};
 
 /// How poses become a path.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -25,6 +29,8 @@ pub struct HistorySettings {
     /// next pose after the sweep. Half of the window is as good as anything longer. Less gives
     /// sweeps earlier and less smooth poses.
     pub max_ahead_s: f64,
+    /// Whether the map frame stays where it is to the head when the tracking frame jumps.
+    pub follow_jumps: bool,
 }
 
 impl BoundedSettings for HistorySettings {
@@ -38,7 +44,7 @@ impl BoundedSettings for HistorySettings {
 impl Default for HistorySettings {
     /// 50 ms are four to six frames of a headset; 92 ms are eleven poses at 120 Hz.
     fn default() -> Self {
-        Self { max_gap_s: 0.05, smoothing_window_s: 0.092, max_ahead_s: 0.046 }
+        Self { max_gap_s: 0.05, smoothing_window_s: 0.092, max_ahead_s: 0.046, follow_jumps: true }
     }
 }
 
@@ -65,10 +71,10 @@ impl HistorySettings {
     }
 }
 
-/// An interpolated pose with its velocities.
+/// An interpolated pose with its velocities, in the map frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothPose {
-    /// `tracking_from_head` at the wanted time.
+    /// `tracking_from_head` at the wanted time, in the map frame.
     pub tracking_from_head: Pose,
     /// Velocity of the head's origin, tracking frame, m/s.
     pub velocity_m_per_s: DVec3,
@@ -97,21 +103,47 @@ struct Entry {
     pose: Option<Pose>,
 }
 
+/// Poses before a jump that its size is measured with, at least. Choice: with three after it they determine a parabola and
+/// the jump.
+const MIN_BEFORE: usize = 4;
+
+/// A jump that is suspected, and waits for the poses that its size is measured with.
+#[derive(Debug, Clone, Copy)]
+struct PendingJump {
+    first_after_ns: i64,
+}
+
 /// Poses in rising time. The oldest are dropped on request.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct PoseHistory {
     settings: HistorySettings,
     entries: VecDeque<Entry>,
     jump_detector: JumpDetector,
+    pending: Option<PendingJump>,
+    map_from_tracking: Pose,
+    jumps_followed: u64,
+}
+
+impl Default for PoseHistory {
+    fn default() -> Self {
+        Self::new(HistorySettings::default())
+    }
 }
 
 impl PoseHistory {
     /// An empty history.
     pub fn new(settings: HistorySettings) -> Self {
-        Self { settings, entries: VecDeque::new(), jump_detector: JumpDetector::default() }
+        Self {
+            settings,
+            entries: VecDeque::new(),
+            jump_detector: JumpDetector::default(),
+            pending: None,
+            map_from_tracking: Pose::IDENTITY,
+            jumps_followed: 0,
+        }
     }
 
-    /// Adds a pose. A refused pose with a rising time stays as a border that is not interpolated
+    /// Adds a pose, `tracking_from_head`. A refused pose with a rising time stays as a border that is not interpolated
     /// across; so does the last one before a jump of the tracking frame.
     ///
     /// # Errors
@@ -121,21 +153,83 @@ impl PoseHistory {
             return Err(PoseRefusal::TimeNotRising { time_ns: sample.time_ns, before_ns });
         }
         let pose = sample.tracking_from_head();
-        self.entries.push_back(Entry { time_ns: sample.time_ns, pose: pose.as_ref().ok().copied() });
+        // A product with the identity rounds.
+        let in_map = |pose: Pose| if self.jumps_followed == 0 { pose } else { self.map_from_tracking * pose };
+        self.entries.push_back(Entry { time_ns: sample.time_ns, pose: pose.as_ref().ok().copied().map(in_map) });
         match &pose {
-            Ok(pose) if self.jump_detector.push(sample.time_ns, pose.translation) => self.separate_frames(),
-            Ok(_) => {}
-            Err(_) => self.jump_detector.interrupt(),
+            Ok(pose) => {
+                let jumped = self.jump_detector.push(sample.time_ns, pose);
+                if jumped || self.is_pending_complete(sample.time_ns) {
+                    self.follow_pending();
+                }
+                if jumped {
+                    self.suspect_jump();
+                }
+            }
+            Err(_) => {
+                self.jump_detector.interrupt();
+                self.follow_pending();
+            }
         }
         pose.map(|_| ())
     }
 
-    /// The frame jumped between the fourth and the third newest entry: the fourth becomes a border that is not
-    /// interpolated across.
-    fn separate_frames(&mut self) {
-        if let Some(last_before) = self.entries.len().checked_sub(4).and_then(|n| self.entries.get_mut(n)) {
-            last_before.pose = None;
+    /// Transforms from the tracking frame of the newest pose to the map frame. It changes when a jump has been followed.
+    pub fn map_from_tracking(&self) -> Pose {
+        self.map_from_tracking
+    }
+
+    /// Jumps of the tracking frame so far that the path does not have.
+    pub fn jumps_followed(&self) -> u64 {
+        self.jumps_followed
+    }
+
+    /// The frame may have jumped between the fourth and the third newest entry. Waits for poses to measure by how much.
+    fn suspect_jump(&mut self) {
+        let Some(border) = self.entries.len().checked_sub(4) else { return };
+        self.pending = Some(PendingJump { first_after_ns: self.entries[border + 1].time_ns });
+    }
+
+    /// Whether no later pose is waited for to measure the jump.
+    fn is_pending_complete(&self, newest_ns: i64) -> bool {
+        let since_ns = |pending: &PendingJump| newest_ns.saturating_sub(pending.first_after_ns);
+        self.pending
+            .as_ref()
+            .is_some_and(|pending| since_ns(pending) >= (self.settings.smoothing_window_s * 0.5e9) as i64)
+    }
+
+    /// Measures the suspected jump and moves the poses after it back.
+    fn follow_pending(&mut self) {
+        let Some(PendingJump { first_after_ns }) = self.pending.take() else { return };
+        let near = self.entries.partition_point(|entry| entry.time_ns < first_after_ns);
+        let since_ns = first_after_ns.saturating_sub(self.settings.smooth_ns());
+        let is_joined = |n: &usize| self.entries[*n].pose.is_some();
+        let is_near = |n: &usize| near - *n <= MIN_BEFORE || self.entries[*n].time_ns >= since_ns;
+        let first = (0..near).rev().take_while(|n| is_joined(n) && is_near(n)).last().unwrap_or(near);
+        let end = (near..self.entries.len()).take_while(is_joined).last().map_or(near, |last| last + 1);
+        let run = self.entries.range(first..end).filter_map(|entry| {
+            let since_s = entry.time_ns.saturating_sub(first_after_ns) as f64 * 1e-9;
+            entry.pose.map(|pose| (since_s, pose))
+        });
+        match frame_step(&run.collect::<Vec<_>>(), near - first) {
+            FrameStep::Jump { first_after, before_from_after } => {
+                self.entries[first + first_after - 1].pose = None;
+                if !self.settings.follow_jumps {
+                    return;
+                }
+                let later = self.entries.range_mut(first + first_after..).filter_map(|entry| entry.pose.as_mut());
+                later.for_each(|pose| *pose = before_from_after * *pose);
+                self.map_from_tracking = before_from_after * self.map_from_tracking;
+                self.jumps_followed += 1;
+            }
+            FrameStep::BadPose(bad) => self.entries[first + bad].pose = None,
+            FrameStep::Nothing => {}
         }
+    }
+
+    /// Until when no later pose moves poses of now to another frame; `i64::MAX` when no jump is being measured.
+    pub fn one_frame_until_ns(&self) -> i64 {
+        self.pending.as_ref().map_or(i64::MAX, |pending| pending.first_after_ns.saturating_sub(1))
     }
 
     /// Time of the newest entry, valid or not.
@@ -143,7 +237,7 @@ impl PoseHistory {
         self.entries.back().map(|e| e.time_ns)
     }
 
-    /// The newest valid pose and its time.
+    /// The newest valid pose, `map_from_head`, and its time.
     pub fn last_pose(&self) -> Option<(i64, Pose)> {
         self.entries.iter().rev().find_map(|e| e.pose.map(|p| (e.time_ns, p)))
     }
@@ -159,6 +253,9 @@ impl PoseHistory {
     pub fn keep_newest(&mut self, count: usize) {
         while self.entries.len() > count {
             self.entries.pop_front();
+        }
+        if self.entries.is_empty() {
+            self.pending = None;
         }
     }
 
@@ -282,11 +379,6 @@ impl PoseHistory {
     }
 }
 
-/// Axis times angle, of the shorter rotation.
-fn rotation_vector(rotation: DQuat) -> DVec3 {
-    if rotation.w < 0.0 { (-rotation).to_scaled_axis() } else { rotation.to_scaled_axis() }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::TrackingResult;
@@ -348,6 +440,62 @@ mod tests {
         for time_ns in [i64::MIN, 4 * MS, i64::MAX] {
             assert!(history.at(time_ns).is_ok(), "{time_ns}");
         }
+    }
+
+    #[test]
+    fn the_path_goes_on_where_the_tracking_frame_jumps() {
+        let jump = Pose::new(DVec3::new(0.08, -0.02, 0.05), DQuat::from_rotation_y(0.08));
+        let mut history = history(0.092);
+        let x = |i: i64| 0.1 * (i as f64 * 0.05).sin();
+        for i in 0..60i64 {
+            let frame = if i < 30 { Pose::IDENTITY } else { jump };
+            history.push(&PoseSample::valid(i * 8 * MS, &(frame * pose(x(i), 0.01 * i as f64)))).unwrap();
+            let is_measured = !(32..36).contains(&i);
+            assert_eq!(history.one_frame_until_ns() == i64::MAX, is_measured, "pose {i}");
+            assert_eq!(history.jumps_followed(), u64::from(i >= 36), "46 ms after the jump");
+        }
+        for i in [10, 29, 30, 31, 40, 59] {
+            let at = history.at(i * 8 * MS);
+            if i == 29 {
+                assert_eq!(at, Err(NoPose::Invalid), "nothing is interpolated across the jump");
+                continue;
+            }
+            let (at, expected) = (at.unwrap().tracking_from_head, pose(x(i), 0.01 * i as f64));
+            assert!(at.translation.distance(expected.translation) < 1e-4, "pose {i}");
+            assert!(at.rotation.angle_between(expected.rotation) < 1e-4, "pose {i}");
+        }
+        let followed = history.map_from_tracking() * jump;
+        assert!(followed.translation.length() < 1e-4 && followed.rotation.angle_between(DQuat::IDENTITY) < 1e-4);
+    }
+
+    #[test]
+    fn a_bad_pose_is_left_out_and_moves_no_frame() {
+        let mut history = history(0.092);
+        for i in 0..60i64 {
+            let off = if i == 30 { DVec3::Y * 0.02 } else { DVec3::ZERO };
+            // Jitter, so that the bad pose is not found by its symmetry.
+            let jitter = DVec3::X * 1e-4 * (i as f64 * 2.4).sin();
+            let at = pose(0.001 * i as f64, 0.0);
+            history
+                .push(&PoseSample::valid(i * 8 * MS, &Pose { translation: at.translation + off + jitter, ..at }))
+                .unwrap();
+        }
+        assert_eq!((history.jumps_followed(), history.map_from_tracking()), (0, Pose::IDENTITY));
+        assert_eq!(history.at(30 * 8 * MS), Err(NoPose::Invalid));
+        assert!((history.at(31 * 8 * MS).unwrap().tracking_from_head.translation.y - 1.6).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_jump_that_loss_of_tracking_cuts_short_is_still_followed() {
+        let mut history = history(0.092);
+        for i in 0..34i64 {
+            let at = pose(0.05 * f64::from(u8::from(i >= 30)), 0.0);
+            history.push(&PoseSample::valid(i * 8 * MS, &at)).unwrap();
+        }
+        let lost = PoseSample { valid: false, ..PoseSample::valid(34 * 8 * MS, &pose(0.05, 0.0)) };
+        assert_eq!(history.push(&lost), Err(PoseRefusal::Invalid));
+        assert_eq!((history.jumps_followed(), history.one_frame_until_ns()), (1, i64::MAX));
+        assert!((history.last_pose().unwrap().1.translation.x).abs() < 1e-4);
     }
 
     fn history(smoothing_window_s: f64) -> PoseHistory {

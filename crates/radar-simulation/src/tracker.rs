@@ -133,8 +133,25 @@ pub(super) struct Tracker {
     /// What the frame's jumps and the stamps are drawn from.
     jump_rng: ChaCha8Rng,
     distortion: Distortion,
-    /// Offset of the tracking frame since the last jump: translation, metres, and rotation vector.
-    jumped: (DVec3, DVec3),
+    /// `None` before the first jump.
+    frame: Option<Frame>,
+}
+
+/// The tracking frame since the last jump: turned about where the head was then, and moved.
+#[derive(Debug, Clone, Copy)]
+struct Frame {
+    pivot_m: DVec3,
+    offset_m: DVec3,
+    /// Rotation vector.
+    offset_rad: DVec3,
+}
+
+impl Frame {
+    /// `tracked_from_true`.
+    fn pose(&self) -> Pose {
+        let rotation = DQuat::from_scaled_axis(self.offset_rad);
+        Pose::new(self.pivot_m + self.offset_m - rotation * self.pivot_m, rotation)
+    }
 }
 
 impl Tracker {
@@ -144,8 +161,13 @@ impl Tracker {
         let turn = Drift::new(errors.rotation_deg.to_radians(), &mut rng);
         let mut jump_rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0A11_0F5E);
         let distortion = Distortion::new(errors.distortion_m, &mut jump_rng);
-        let jumped = (DVec3::ZERO, DVec3::ZERO);
-        Self { errors, rng, drift, turn, lost_until_s: f64::NEG_INFINITY, jump_rng, distortion, jumped }
+        let frame = None;
+        Self { errors, rng, drift, turn, lost_until_s: f64::NEG_INFINITY, jump_rng, distortion, frame }
+    }
+
+    /// `tracked_from_true` since the last jump.
+    pub fn frame(&self) -> Pose {
+        self.frame.map_or(Pose::IDENTITY, |frame| frame.pose())
     }
 
     /// The tracked pose for a true one; times increase.
@@ -158,14 +180,12 @@ impl Tracker {
             self.lost_until_s = time_s + lasts_s;
         }
         if starts || self.jump_rng.random_range(0.0..1.0) < self.errors.jumps_per_minute / 60.0 / rate_hz {
-            self.jump();
+            self.jump(pose.translation);
         }
-        let (offset_m, offset_rad) = self.jumped;
-        let error_m = self.drift.at(time_s) + jitter + self.distortion.at(pose.translation) + offset_m;
-        let tracking_from_head = Pose::new(
-            pose.translation + error_m,
-            DQuat::from_scaled_axis(self.turn.at(time_s) + offset_rad) * pose.rotation,
-        );
+        let error_m = self.drift.at(time_s) + jitter + self.distortion.at(pose.translation);
+        let rotation = DQuat::from_scaled_axis(self.turn.at(time_s)) * pose.rotation;
+        let in_frame = Pose::new(pose.translation + error_m, rotation);
+        let tracking_from_head = self.frame.map_or(in_frame, |frame| frame.pose() * in_frame);
         let stamp_error_s = self.errors.stamp_s * Distribution::<f64>::sample(&StandardNormal, &mut self.jump_rng);
         let most_s = MAX_STAMP_ERROR / rate_hz;
         TrackedPose {
@@ -176,14 +196,17 @@ impl Tracker {
         }
     }
 
-    fn jump(&mut self) {
+    /// The frame jumps while the head is at this place.
+    fn jump(&mut self, head_m: DVec3) {
         let mut direction = || normal_vector(&mut self.jump_rng).normalize_or(DVec3::X);
         let (toward, axis) = (direction(), direction());
-        let (offset_m, offset_rad) = self.jumped;
-        self.jumped = (
-            offset_m * JUMP_MEMORY + toward * self.errors.jump_m,
-            offset_rad * JUMP_MEMORY + axis * self.errors.jump_deg.to_radians(),
-        );
+        let at_head_m = self.frame().transform_point(head_m) - head_m;
+        let before_rad = self.frame.map_or(DVec3::ZERO, |frame| frame.offset_rad);
+        self.frame = Some(Frame {
+            pivot_m: head_m,
+            offset_m: at_head_m * JUMP_MEMORY + toward * self.errors.jump_m,
+            offset_rad: before_rad * JUMP_MEMORY + axis * self.errors.jump_deg.to_radians(),
+        });
     }
 }
 

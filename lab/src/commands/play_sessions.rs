@@ -15,7 +15,7 @@ use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::{Table, write_atomically};
 use radar_chaperone::settings::Settings;
-use radar_simulation::{DiffuseEchoes, Headset, PlayWorld, SensorEffects};
+use radar_simulation::{DiffuseEchoes, Headset, PlayWorld, SensorEffects, TrackingErrors};
 
 /// Simulates play sessions in furnished rooms and scores the warnings
 #[derive(Debug, Args)]
@@ -66,6 +66,11 @@ pub struct PlaySessions {
     #[arg(long, value_delimiter = ',', default_value = "nominal",
           value_parser = clap::builder::PossibleValuesParser::new(Headset::NAMES))]
     headset: Vec<String>,
+    /// Also plays the same with the last --headset and these errors of its tracking instead, NAME=VALUE separated by spaces;
+    /// may be repeated: rate_hz, jitter_m, wander_m, rotation_deg, dropouts_per_minute, distortion_m, jumps_per_minute,
+    /// jump_m, jump_deg, stamp_s
+    #[arg(long, value_name = "ERRORS")]
+    tracking: Vec<String>,
     /// Imperfections of the sensor: none, measured, or a list of jitter, leakage, ringing,
     /// range_bias, warm_up, interference, profile_noise, each with =STRENGTH if it is not 1
     #[arg(long, default_value = "measured")]
@@ -101,6 +106,7 @@ struct Variant {
     /// What the outcome's name has after the preset's.
     name: String,
     headset: Headset,
+    tracking: TrackingErrors,
     odds: Option<f64>,
     changes: Vec<String>,
 }
@@ -119,7 +125,7 @@ impl PlaySessions {
         };
         let variants = self.with_headsets(&self.variants())?;
         let player = |variant: &Variant| {
-            Ok(PlayerSetup { settings: self.settings(&text, variant)?, tracking: variant.headset.errors() })
+            Ok(PlayerSetup { settings: self.settings(&text, variant)?, tracking: variant.tracking })
         };
         let players = variants.iter().map(player).collect::<Result<Vec<_>>>()?;
         let start = Instant::now();
@@ -155,13 +161,28 @@ impl PlaySessions {
     /// Each variant with each headset.
     fn with_headsets(&self, variants: &[Variant]) -> Result<Vec<Variant>> {
         let mut all = Vec::new();
+        let mut headsets = Vec::new();
         for name in &self.headset {
             let headset = Headset::from_name(name)?;
-            let named = |variant: &Variant| match self.headset.len() {
+            headsets.push((name.clone(), headset, headset.errors()));
+        }
+        let last = headsets.last().cloned();
+        for errors in &self.tracking {
+            let (_, headset, base) = last.clone().context("--tracking needs a --headset")?;
+            headsets.push((errors.clone(), headset, with_errors(base, errors)?));
+        }
+        for (name, headset, tracking) in &headsets {
+            let named = |variant: &Variant| match headsets.len() {
                 1 => variant.name.clone(),
                 _ => format!(", {name}{}", variant.name),
             };
-            all.extend(variants.iter().map(|variant| Variant { name: named(variant), headset, ..variant.clone() }));
+            let (headset, tracking) = (*headset, *tracking);
+            all.extend(variants.iter().map(|variant| Variant {
+                name: named(variant),
+                headset,
+                tracking,
+                ..variant.clone()
+            }));
         }
         Ok(all)
     }
@@ -274,4 +295,15 @@ fn print_each(figures: &Figures) -> Result<()> {
         outln!("{removed:?}")?;
     }
     Ok(())
+}
+
+/// Errors of a tracking, some of them replaced.
+fn with_errors(errors: TrackingErrors, changes: &str) -> Result<TrackingErrors> {
+    let mut all = serde_json::to_value(errors)?;
+    for change in changes.split_whitespace() {
+        let (name, value) = change.split_once('=').with_context(|| format!("\"{change}\" is not NAME=VALUE"))?;
+        let value: f64 = value.parse().with_context(|| format!("{name}: \"{value}\" is not a number"))?;
+        all[name] = json!(value);
+    }
+    serde_json::from_value(all).with_context(|| format!("tracking errors \"{changes}\""))
 }

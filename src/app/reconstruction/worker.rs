@@ -59,6 +59,8 @@ pub(super) struct Worker {
     published: PublishedMap,
     /// End of the newest sweep in the published scene, host nanoseconds.
     evidence_ns: Option<i64>,
+    /// Jumps of the tracking frame before the published scene.
+    tracking_jumps: u64,
     next_reflectors_ns: i64,
     latencies: LatencyTracker,
     step: Latency,
@@ -80,6 +82,7 @@ impl Worker {
             epoch: 0,
             published: PublishedMap::nothing(0),
             evidence_ns: None,
+            tracking_jumps: 0,
             next_reflectors_ns: now_ns,
             latencies: LatencyTracker::default(),
             step: Latency::default(),
@@ -258,13 +261,15 @@ impl Worker {
         let evidence_ns = self.mapper.evidence_ns();
         let begin_ns = now_ns();
         let is_due = self.mapper.kind() == MapperKind::Rooms || begin_ns >= self.next_reflectors_ns;
-        if !is_last && (evidence_ns == self.evidence_ns || !is_due) {
+        let tracking_jumps = self.mapper.tracking_jumps();
+        let is_new = evidence_ns != self.evidence_ns || tracking_jumps != self.tracking_jumps;
+        if !(is_last || is_new && is_due) {
             return None;
         }
         let scene = self.mapper.scene();
         let end_ns = now_ns();
         self.next_reflectors_ns = end_ns + MIN_REFLECTORS_INTERVAL_NS.max(REFLECTORS_IDLE_RATIO * (end_ns - begin_ns));
-        self.evidence_ns = evidence_ns;
+        (self.evidence_ns, self.tracking_jumps) = (evidence_ns, tracking_jumps);
         self.publish_evidence();
         Some(scene)
     }

@@ -142,10 +142,12 @@ pub struct Synchronisation {
     pub pose_range_m: Vec<[f64; 2]>,
 }
 
-/// The joined streams.
+/// The joined streams, in the map frame.
 struct JoinedStreams {
     path: Vec<SensorState>,
     observations: Vec<Observation>,
+    /// From the tracking frame at the end.
+    map_from_tracking: Pose,
 }
 
 /// Runs the test on a recording in memory.
@@ -177,7 +179,7 @@ pub fn synchronisation(
     let mount = mount::mount(&joined, head_from_sensor, settings, middle_s(&whole, set_s));
     let found_s = whole.estimate.filter(|e| e.observable).map(|e| e.offset_s);
     Ok(Synchronisation {
-        reflector_m: position_m,
+        reflector_m: joined.map_from_tracking.inverse().transform_point(position_m),
         set_offset_s: set_s,
         start_lag: start_lag(&windows),
         mount,
@@ -240,7 +242,8 @@ fn track_reflector(
     frames: &[Frame],
     poses: &[PoseSample],
 ) -> Result<TrackedReflector, SynchronisationError> {
-    let positions_m = reflectors(config, head_from_sensor, settings, frames, poses);
+    let mut positions_m = reflectors(config, head_from_sensor, settings, frames, poses);
+    positions_m.iter_mut().for_each(|at_m| *at_m = joined.map_from_tracking.transform_point(*at_m));
     let reflector = best_reflector(&positions_m, joined, settings).ok_or(SynchronisationError::NoReflector)?;
     match reflector.radar.len() {
         count if count < ranges::MIN_RANGES => Err(SynchronisationError::FewRanges(count)),
@@ -264,7 +267,7 @@ fn join_streams(
             time_offset_s: tracking.time_offset_s,
         },
     );
-    let mut joined = JoinedStreams { path: Vec::new(), observations: Vec::new() };
+    let (mut path, mut observations) = (Vec::new(), Vec::new());
     for event in in_time_order(frames.iter().cloned(), poses.iter().copied()) {
         // What is refused is counted.
         let _ = match event {
@@ -272,11 +275,11 @@ fn join_streams(
             Event::Pose(pose) => observer.push_pose(&pose),
             Event::Hands(_) => Ok(()),
         };
-        joined.path.append(&mut observer.take_path());
-        joined.observations.append(&mut observer.take_ready());
+        path.append(&mut observer.take_path());
+        observations.append(&mut observer.take_ready());
     }
-    joined.observations.append(&mut observer.take_rest());
-    joined
+    observations.append(&mut observer.take_rest());
+    JoinedStreams { path, observations, map_from_tracking: observer.map_from_tracking() }
 }
 
 /// A position with its radar ranges and its distances by poses.

@@ -119,7 +119,7 @@ fn not_finite(mapper: &Mapper) -> Vec<String> {
     if !mapper.time_offset_s().is_finite() || mapper.time_offset_s().abs() > 0.11 {
         wrong.push(format!("applied time offset of {} s", mapper.time_offset_s()));
     }
-    if let Some((time_ns, pose)) = mapper.sensor_path().iter().find(|(_, pose)| !pose.translation.is_finite()) {
+    if let Some((time_ns, pose)) = mapper.sensor_path().find(|(_, pose)| !pose.translation.is_finite()) {
         wrong.push(format!("sensor at {time_ns} ns at {pose:?}"));
     }
     wrong

@@ -7,4 +7,5 @@ mod pose;
 
 pub use aabb::Aabb;
 pub use plane::Plane;
+pub(crate) use pose::rotation_vector;
 pub use pose::{Pose, PoseError};

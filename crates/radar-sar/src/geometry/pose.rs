@@ -110,6 +110,11 @@ impl Pose {
     }
 }
 
+/// Axis times angle, of the shorter rotation.
+pub(crate) fn rotation_vector(rotation: DQuat) -> DVec3 {
+    if rotation.w < 0.0 { (-rotation).to_scaled_axis() } else { rotation.to_scaled_axis() }
+}
+
 impl std::ops::Mul for Pose {
     type Output = Pose;
     /// `a_from_b * b_from_c = a_from_c`.

@@ -374,12 +374,19 @@ impl Session {
 
     /// The same head as another headset tracks it. The sensor's mount remains that of the session's own errors.
     pub fn poses_tracked_with(&self, errors: TrackingErrors) -> impl Iterator<Item = PoseSample> + '_ {
+        self.tracked_with(errors).map(|(pose, _)| pose)
+    }
+
+    /// The poses of [`Self::poses_tracked_with`], each with where the tracking frame is: `tracked_from_true`, without jitter,
+    /// drift and distortion.
+    pub fn tracked_with(&self, errors: TrackingErrors) -> impl Iterator<Item = (PoseSample, Pose)> + '_ {
         let mut tracker = Tracker::new(errors, self.play.seed);
         let rate_hz = errors.rate_hz;
         let count = ((self.play.duration_s + 2.0 * MARGIN_S) * rate_hz).floor() as u64 + 1;
         (0..count).map(move |n| {
             let time_s = n as f64 / rate_hz - MARGIN_S;
-            tracker.measure(time_s, &self.head_at(time_s)).sample(host_ns)
+            let pose = tracker.measure(time_s, &self.head_at(time_s)).sample(host_ns);
+            (pose, tracker.frame())
         })
     }
 }

@@ -1,11 +1,13 @@
 //! How far reported positions are from the truth: reflectors, pairs, time offsets, mounts, rooms.
 
+mod jumps;
 mod mount;
 mod pairs;
 mod reflector;
 mod rooms;
 mod time_offset;
 
+pub use jumps::jumps_table;
 pub use mount::{gross_table, mount_table};
 pub use pairs::{pair_calibration, pair_table, split_table};
 pub use reflector::{ErrorKind, REFLECTOR_TRIALS, ReflectorOptions, ReflectorTrial, reflector_table};

@@ -15,6 +15,7 @@ use radar_chaperone::warning::{PanelKind, WarningTracker, Warnings, Wearer};
 use radar_mapping::Mapper;
 use radar_mapping::{HandsM, Scene, ScoredCandidate};
 use radar_sar::PoseSample;
+use radar_sar::geometry::Pose;
 use radar_simulation::{PlaySession, Session, SessionError, TrackingErrors};
 
 /// Sessions to play, and who plays them.
@@ -99,8 +100,10 @@ struct Player<'s> {
     session: &'s Session,
     settings: &'s Settings,
     controllers: bool,
-    /// Poses to come.
-    poses: Peekable<Box<dyn Iterator<Item = PoseSample> + Send + 's>>,
+    /// Poses to come, each with where the tracking frame is.
+    poses: Peekable<Box<dyn Iterator<Item = (PoseSample, Pose)> + Send + 's>>,
+    /// When the tracking frame jumped, and `tracked_from_true` from then on.
+    frames: Vec<(i64, Pose)>,
     taken_poses: usize,
     mapper: Mapper,
     tracker: WarningTracker,
@@ -112,13 +115,14 @@ struct Player<'s> {
 impl<'s> Player<'s> {
     fn new(session: &'s Session, setup: &'s PlayerSetup, controllers: bool) -> Self {
         let (play, settings) = (session.play(), &setup.settings);
-        let poses: Box<dyn Iterator<Item = PoseSample> + Send + 's> =
-            Box::new(session.poses_tracked_with(setup.tracking));
+        let poses: Box<dyn Iterator<Item = (PoseSample, Pose)> + Send + 's> =
+            Box::new(session.tracked_with(setup.tracking));
         Self {
             session,
             settings,
             controllers,
             poses: poses.peekable(),
+            frames: vec![(i64::MIN, Pose::IDENTITY)],
             taken_poses: 0,
             mapper: Mapper::new(&play.config, &play.head_from_sensor, &settings.mapping()),
             tracker: WarningTracker::new(),
@@ -131,18 +135,31 @@ impl<'s> Player<'s> {
     /// Takes the next frames and the poses up to the last of them.
     fn play(&mut self, frames: &[Frame], mut on_update: impl FnMut(f64, &[ScoredCandidate])) {
         let Some(until_ns) = frames.last().map(|frame| frame.host_time_ns) else { return };
-        let poses: Vec<PoseSample> =
-            std::iter::from_fn(|| self.poses.next_if(|pose| pose.time_ns <= until_ns)).collect();
+        let tracked = std::iter::from_fn(|| self.poses.next_if(|(pose, _)| pose.time_ns <= until_ns));
+        let mut poses = Vec::new();
+        for (pose, tracked_from_true) in tracked {
+            if self.frames.last().is_none_or(|(_, last)| *last != tracked_from_true) {
+                self.frames.push((pose.time_ns, tracked_from_true));
+            }
+            poses.push(pose);
+        }
         for event in in_time_order(frames.iter().cloned(), poses) {
             self.take(event, &mut on_update);
         }
+    }
+
+    fn tracked_from_true(&self, time_ns: i64) -> Pose {
+        let later = self.frames.partition_point(|(from_ns, _)| *from_ns <= time_ns);
+        self.frames[later.saturating_sub(1)].1
     }
 
     fn take(&mut self, event: Event, on_update: &mut impl FnMut(f64, &[ScoredCandidate])) {
         let (time_ns, is_pose) = (event.time_ns(), matches!(event, Event::Pose(_)));
         let start_ns = Session::host_ns(0.0);
         let time_s = (time_ns - start_ns) as f64 * 1e-9;
-        let hands_m = self.session.hands_at(time_s).filter(|_| self.controllers).map(|hands| hands.map(Some));
+        let tracked_from_true = self.tracked_from_true(time_ns);
+        let hands_m = self.session.hands_at(time_s).filter(|_| self.controllers);
+        let hands_m = hands_m.map(|hands| hands.map(|hand_m| Some(tracked_from_true.transform_point(hand_m))));
         // What is refused is counted.
         if let Some(hands_m) = hands_m.filter(|_| is_pose) {
             let _ = self.mapper.push(Event::hands(time_ns, hands_m));
@@ -161,19 +178,25 @@ impl<'s> Player<'s> {
         hands_m: HandsM,
         on_update: &mut impl FnMut(f64, &[ScoredCandidate]),
     ) {
+        let true_from_tracked = self.tracked_from_true(time_ns).inverse();
+        if let Some(scene) = self.mapper.poll_scene() {
+            self.scene = scene;
+            self.tracker.update(&self.scene);
+        }
         let evidence_ns = self.mapper.evidence_ns();
         if evidence_ns != self.evidence_ns {
             self.evidence_ns = evidence_ns;
-            self.scene = self.mapper.scene();
-            self.scorer.note_detections(time_s, self.mapper.scored_candidates());
-            on_update(time_s, self.mapper.scored_candidates());
-            self.tracker.update(&self.scene);
+            let mut scored = self.mapper.scored_candidates();
+            scored.iter_mut().for_each(|one| one.position_m = true_from_tracked.transform_point(one.position_m));
+            self.scorer.note_detections(time_s, &scored);
+            on_update(time_s, &scored);
         }
         let Some((_, tracking_from_head)) = self.mapper.head() else { return };
         let player = Wearer { time_ns, tracking_from_head, hands_m };
         let warnings = self.tracker.warn(&player, &self.settings.warning);
-        let shown = self.shown(&warnings);
-        self.scorer.step(time_s, &self.scene, &shown);
+        // Scored as the wearer sees it: relative to the head, wherever the tracking frame is.
+        let shown = self.shown(&warnings).moved(&true_from_tracked);
+        self.scorer.step(time_s, &self.scene.moved(&true_from_tracked), &shown);
     }
 
     fn shown(&self, warnings: &Warnings) -> ShownWarnings {

@@ -60,6 +60,16 @@ pub(super) struct ShownWarnings {
     pub planes: Vec<Plane>,
 }
 
+impl ShownWarnings {
+    /// The same in another frame.
+    pub fn moved(&self, to_from: &Pose) -> Self {
+        Self {
+            points_m: self.points_m.iter().map(|point| to_from.transform_point(*point)).collect(),
+            planes: self.planes.iter().map(|plane| plane.moved(to_from)).collect(),
+        }
+    }
+}
+
 /// A detection of an earlier update.
 pub(super) struct PastDetection {
     pub time_s: f64,
