@@ -123,11 +123,10 @@ impl SensorSupervisor {
     /// Keeps the mount in use for the next session with this headset, if it has changed. Accesses a file.
     pub fn keep_mount(&self) {
         let newest = self.reconstruction().and_then(|reconstruction| reconstruction.latest().mount);
-        let (Some(memory), Some(mount)) = (&self.mount_memory, newest.filter(|mount| mount.estimate.is_some())) else {
-            return;
-        };
+        let (Some(memory), Some(mount)) = (&self.mount_memory, newest) else { return };
         let mut kept = self.kept_mount.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.is_none_or(|kept| kept.in_use != mount.in_use) {
+        let is_new = kept.map_or(mount.estimate.is_some(), |kept| kept.in_use != mount.in_use);
+        if is_new {
             *kept = Some(mount);
             if let Err(error) = memory.keep(&mount) {
                 log::warn!("the sensor's place on the headset is not kept: {error:#}");
@@ -220,6 +219,7 @@ impl SensorSupervisor {
         let threads = Some(settings.headset.threads).filter(|threads| *threads > 0);
         let options = ReconstructionOptions { threads, ..Default::default() };
         let known_mount = self.mount_memory.as_ref().and_then(MountMemory::recall);
+        *self.kept_mount.lock().unwrap_or_else(PoisonError::into_inner) = known_mount;
         let reconstruction =
             Reconstruction::start(sensor.config()?, &sensor.mount(), known_mount, &settings, &options)?;
         let _ = self.sensor.set(Header::new(sensor.place(), sensor.config()?.clone(), sensor.mount()));

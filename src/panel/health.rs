@@ -117,6 +117,11 @@ impl Health {
         [self.sensor(), self.headset(), self.timing(), self.room()]
     }
 
+    /// Whether something estimated is in use that could be forgotten.
+    pub(super) fn is_calibrated(&self) -> bool {
+        self.time_offset_sigma_s.is_some() || matches!(self.mount, MountHealth::Corrected { .. })
+    }
+
     /// Problems without a card: warnings are switched off, or the settings file is invalid.
     pub(super) fn notice(&self, warnings: bool) -> Option<(State, String)> {
         match (&self.settings_trouble, warnings) {
@@ -172,6 +177,11 @@ impl Health {
                 "The sensor is not where it is set".into(),
                 "Run `radar-chaperone calibrate`, or set tracking.estimate_mount = true.".into(),
             ),
+            Some(sigma_s) if sigma_s <= GOOD_OFFSET_SIGMA_S && self.mount == MountHealth::Unknown => (
+                State::Fair,
+                "The sensor's place is not known yet".into(),
+                "Turn and nod your head for some seconds.".into(),
+            ),
             Some(sigma_s) if sigma_s <= GOOD_OFFSET_SIGMA_S => (
                 State::Good,
                 "Radar and headset agree".into(),
@@ -217,11 +227,10 @@ impl Health {
 impl MountHealth {
     fn text(self) -> String {
         match self {
-            Self::Unknown => "turn and nod your head to locate the sensor".into(),
             Self::AsSet => "the sensor is where it is set".into(),
             Self::Corrected { by_mm, by_deg: 0 } => format!("the sensor is {by_mm} mm from where it is set"),
             Self::Corrected { by_mm, by_deg } => format!("the sensor is {by_mm} mm and {by_deg}° from how it is set"),
-            Self::Contradicted => String::new(),
+            Self::Unknown | Self::Contradicted => String::new(),
         }
     }
 }
@@ -247,14 +256,22 @@ fn age_text(age_s: f64) -> String {
     }
 }
 
-/// Draws the cards in a grid of two by two.
-pub(super) fn cards(painter: &Painter, area: Rect, status_cards: &[StatusCard; 4]) {
+/// Number of the card about calibration.
+pub(super) const CALIBRATION: usize = 2;
+
+/// Where a card is in a grid of two by two.
+pub(super) fn card_area(area: Rect, number: usize) -> Rect {
     /// Gap between cards, pixels. Choice: half the panel's margin.
     const GAP: f32 = 14.0;
     let size = (area.size() - vec2(GAP, GAP)) / 2.0;
+    let (column, row) = ((number % 2) as f32, (number / 2) as f32);
+    Rect::from_min_size(area.min + vec2(column * (size.x + GAP), row * (size.y + GAP)), size)
+}
+
+/// Draws the cards.
+pub(super) fn cards(painter: &Painter, area: Rect, status_cards: &[StatusCard; 4]) {
     for (n, finding) in status_cards.iter().enumerate() {
-        let (column, row) = ((n % 2) as f32, (n / 2) as f32);
-        let card = Rect::from_min_size(area.min + vec2(column * (size.x + GAP), row * (size.y + GAP)), size);
+        let card = card_area(area, n);
         painter.rect_filled(card, ROUND, CARD);
         let left = card.min.x + 24.0;
         painter.circle_filled(pos2(left + 10.0, card.min.y + 33.0), 10.0, finding.state.color());
@@ -314,6 +331,7 @@ mod tests {
             (Health { time_offset_sigma_s: None, ..well() }, 2, State::Fair, "to and fro"),
             (Health { time_offset_sigma_s: Some(0.01), ..well() }, 2, State::Fair, "to and fro"),
             (Health { mount: MountHealth::Contradicted, ..well() }, 2, State::Fair, "calibrate"),
+            (Health { mount: MountHealth::Unknown, ..well() }, 2, State::Fair, "nod"),
             (Health { age_s: None, ..well() }, 3, State::Fair, "first sweeps"),
             (Health { age_s: Some(4.0), ..well() }, 3, State::Bad, "4 s ago"),
             (Health { is_running: false, ..well() }, 3, State::Bad, "Restart"),

@@ -5,7 +5,7 @@
 //! It is viewed at arm's length and operated with a laser pointer: large type, large targets, a
 //! fixed layout.
 
-mod forget_button;
+mod confirmed_button;
 mod health;
 mod icon;
 mod notice;
@@ -69,6 +69,8 @@ pub struct PanelActions {
     pub changes: Vec<SettingChange>,
     /// Erase the room's map.
     pub forget_room: bool,
+    /// Erase the estimated time offset and mount.
+    pub forget_calibration: bool,
 }
 
 /// Draws the panel and returns the user's actions of this pass.
@@ -83,16 +85,19 @@ pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
     plan::draw(painter, plan_area(), &view.plan);
     // An empty map cannot be erased.
     let is_known = view.health.obstacles + view.health.walls > 0;
-    let forget_room = is_known && forget_button::draw(ui, forget_button::area(plan_area()));
-    PanelActions { changes: switches::draw(ui, switches_area(), &view.settings), forget_room }
+    let forget_room = is_known && confirmed_button::draw(ui, confirmed_button::area(plan_area()), "Forget the room");
+    let forget_calibration = view.health.is_calibrated()
+        && confirmed_button::draw(ui, confirmed_button::area(calibration_area()), "Calibrate anew");
+    PanelActions { changes: switches::draw(ui, switches_area(), &view.settings), forget_room, forget_calibration }
 }
 
 /// Position of a switch, pixels from the upper left. Names: `headset.warnings`, or a part of a
-/// switch: `warning.brightness+`, `warning.brightness-`, `headset.display=stereo`; or the button
-/// `forget`.
+/// switch: `warning.brightness+`, `warning.brightness-`, `headset.display=stereo`; or the buttons
+/// `forget` and `calibrate`.
 pub fn target(settings: &toml::Table, name: &str) -> Option<[f32; 2]> {
     let mut targets = switches::targets(switches_area(), settings);
-    targets.push(("forget".to_owned(), forget_button::area(plan_area())));
+    targets.push(("forget".to_owned(), confirmed_button::area(plan_area())));
+    targets.push(("calibrate".to_owned(), confirmed_button::area(calibration_area())));
     targets.into_iter().find(|(own, _)| own == name).map(|(_, rect)| [rect.center().x, rect.center().y])
 }
 
@@ -125,6 +130,10 @@ fn plan_area() -> Rect {
 fn health_area() -> Rect {
     let rect = right_column();
     Rect::from_min_max(pos2(rect.min.x, rect.max.y - HEALTH_HEIGHT), rect.max)
+}
+
+fn calibration_area() -> Rect {
+    health::card_area(health_area(), health::CALIBRATION)
 }
 
 /// The program's name and the most severe state.
@@ -175,9 +184,10 @@ mod tests {
             let time = Some(time_s);
             let input = egui::RawInput { screen_rect: Some(whole()), time, events, ..Default::default() };
             let output = context.run_ui(input, |ui| {
-                let PanelActions { changes, forget_room } = panel(ui, view);
+                let PanelActions { changes, forget_room, forget_calibration } = panel(ui, view);
                 wishes.changes.extend(changes);
                 wishes.forget_room |= forget_room;
+                wishes.forget_calibration |= forget_calibration;
             });
             assert!(!output.shapes.is_empty());
             output.drop_without_applying_deltas();
@@ -199,6 +209,22 @@ mod tests {
         let nothing = PanelView { settings: settings(), ..Default::default() };
         let context = egui::Context::default();
         assert!([1.0, 2.0, 3.0].iter().all(|time_s| !press_at(&context, &nothing, at, *time_s).forget_room));
+    }
+
+    #[test]
+    fn forget_calibration_needs_a_second_press_and_something_to_forget() {
+        let context = egui::Context::default();
+        let view = |mount| PanelView {
+            settings: settings(),
+            health: Health { mount, ..Health::default() },
+            ..Default::default()
+        };
+        let at = target(&settings(), "calibrate").unwrap();
+        let forgets = |view: &PanelView, time_s| press_at(&context, view, at, time_s).forget_calibration;
+        let corrected = view(MountHealth::Corrected { by_mm: 40, by_deg: 0 });
+        assert!(!forgets(&corrected, 1.0) && forgets(&corrected, 2.0) && !forgets(&corrected, 3.0));
+        let unknown = view(MountHealth::Unknown);
+        assert!([9.0, 10.0, 11.0].iter().all(|time_s| !forgets(&unknown, *time_s)));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The reconstruction thread: it gives the mapper's scene, its queues are bounded, it can be
 //! reset, and it ends.
 
-use radar_mapping::{Event, in_time_order};
+use radar_mapping::{Event, MountInUse, in_time_order};
 use std::time::{Duration, Instant};
 
 use a121::preset;
@@ -132,4 +132,27 @@ fn reconstruction_ends_when_dropped_and_without_any_data() {
             _ => assert_eq!(*reconstruction.finish().1, Scene::default()),
         }
     }
+}
+
+#[test]
+fn forgotten_calibration_is_that_of_the_settings_and_the_map_stays() {
+    let (scenario, simulated) = room(4.0);
+    let mut assumed = scenario.head_from_sensor;
+    assumed.translation.x += 0.05;
+    // As an earlier session found it.
+    let known = MountInUse { assumed, in_use: scenario.head_from_sensor, estimate: None };
+    let settings = Settings::from_toml("", &["tracking.history.max_ahead_s=0".into()]).unwrap();
+    let options = ReconstructionOptions { max_frames: 4096, max_poses: 8192, ..Default::default() };
+    let reconstruction = Reconstruction::start(&scenario.config, &assumed, Some(known), &settings, &options).unwrap();
+    for event in in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()) {
+        reconstruction.push(event);
+    }
+    reconstruction.flush();
+    until(all_frames_processed(&reconstruction, simulated.frames.last().unwrap().host_time_ns));
+    until(|| !reconstruction.latest().scene.obstacles.is_empty());
+    assert!(reconstruction.latest().mount.is_some_and(|mount| mount.in_use == known.in_use));
+    reconstruction.forget_calibration();
+    until(|| reconstruction.latest().mount.is_some_and(|mount| mount.in_use == assumed && mount.estimate.is_none()));
+    let latest = reconstruction.latest();
+    assert!(latest.epoch == 0 && !latest.scene.obstacles.is_empty(), "the map stays");
 }

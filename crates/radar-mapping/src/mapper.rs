@@ -234,10 +234,30 @@ impl Mapper {
         if let Some(slow_error_m) = self.calibration.slow_error_m() {
             self.search.set_errors(self.settings.tracking.errors.with_slow_error_m(slow_error_m));
         }
-        let Some(change) = change else { return };
+        if let Some(change) = change {
+            self.apply(&change);
+        }
+    }
+
+    /// Forgets what was estimated of time offset and mount: those of the settings are in use again, until estimates differ.
+    /// The map stays.
+    pub fn forget_calibration(&mut self) {
+        let (offset_s, mount) = (self.calibration.in_use_s(), self.calibration.mount());
+        let Self { settings, .. } = self;
+        self.calibration = CalibrationControl::new(&settings.tracking, &settings.radar.beam, &mount.assumed);
+        self.search.set_errors(settings.tracking.errors);
+        let change = CalibrationChange {
+            time_offset_s: self.calibration.in_use_s() - offset_s,
+            mount_m: mount.is_corrected().then(|| mount.correction_m()),
+        };
+        self.apply(&change);
+    }
+
+    /// Takes the calibration in use for what comes, and for what is kept.
+    fn apply(&mut self, change: &CalibrationChange) {
         self.observer.set_time_offset_s(self.calibration.in_use_s());
         self.observer.set_mount(self.calibration.mount().in_use);
-        self.repose(&change);
+        self.repose(change);
     }
 
     /// Gives the search's observations the poses of the changed calibration.

@@ -153,6 +153,7 @@ struct Shared {
     evidence: Mutex<Option<Arc<Evidence>>>,
     /// Settings for the next mapper, where they have changed.
     next_settings: Mutex<Option<Settings>>,
+    forget_calibration: AtomicBool,
     is_alive: AtomicBool,
     /// Discard everything and stop.
     stop: AtomicBool,
@@ -256,6 +257,11 @@ impl Reconstruction {
     pub fn restart_with(&self, settings: &Settings) -> u64 {
         *lock(&self.shared.next_settings) = Some(with_max_ahead(settings, self.max_ahead_s));
         self.reset()
+    }
+
+    /// Forgets the estimated time offset and mount: those of the settings are in use again. The map stays.
+    pub fn forget_calibration(&self) {
+        self.shared.forget_calibration.store(true, Ordering::SeqCst);
     }
 
     /// Restores a saved map, in the frame of the poses of that epoch.
@@ -362,6 +368,7 @@ impl Shared {
             evidence_wanted: AtomicUsize::new(0),
             evidence: Mutex::default(),
             next_settings: Mutex::new(None),
+            forget_calibration: AtomicBool::new(false),
             is_alive: AtomicBool::new(true),
             stop: AtomicBool::new(false),
             finish_by_ns: AtomicU64::new(u64::MAX),

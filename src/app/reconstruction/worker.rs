@@ -101,6 +101,7 @@ impl Worker {
             let received = self.queue.receive(if self.mapper.has_work() { Duration::ZERO } else { POLL_INTERVAL });
             self.apply_epoch();
             self.restore_map();
+            self.forget_calibration();
             match received {
                 Received::Event(input) => self.take(input),
                 Received::TimedOut => self.work(),
@@ -138,6 +139,15 @@ impl Worker {
         self.latencies.reset();
         self.evidence_ns = None;
         self.publish_map(PublishedMap { number: self.published.number, ..PublishedMap::nothing(epoch) });
+    }
+
+    /// Forgets the calibration if that was requested.
+    fn forget_calibration(&mut self) {
+        if self.shared.forget_calibration.swap(false, Ordering::SeqCst) {
+            log::info!("the calibration is forgotten: the sensor is where it is set, until it is found elsewhere");
+            self.mapper.forget_calibration();
+            self.publish(false);
+        }
     }
 
     /// Restores a pending saved map; it is part of the scene at once.

@@ -183,7 +183,7 @@ impl PanelWorker {
         }
         let view = self.view(now_ns, sources);
         if is_touched || self.drawn.as_ref().is_none_or(|(_, before)| *before != view) {
-            self.draw_panel(now_ns, view, sources.store);
+            self.draw_panel(now_ns, view, sources);
         }
     }
 
@@ -203,24 +203,28 @@ impl PanelWorker {
         view
     }
 
-    fn draw_panel(&mut self, now_ns: i64, view: PanelView, store: &SettingsStore) {
+    fn draw_panel(&mut self, now_ns: i64, view: PanelView, sources: &PanelSources) {
         // One press per pass: the next one sees what this one changed.
         let is_release = |event: &Event| matches!(event, Event::PointerButton { pressed: false, .. });
         let until = self.events.iter().position(is_release).map_or(self.events.len(), |at| at + 1);
         let events = self.events.drain(..until).collect();
         let mut wishes = PanelActions::default();
         let output = self.context.run_ui(input(panel::SIZE, now_ns, events), |ui| {
-            let PanelActions { changes, forget_room } = panel::panel(ui, &view);
+            let PanelActions { changes, forget_room, forget_calibration } = panel::panel(ui, &view);
             wishes.changes.extend(changes);
             wishes.forget_room |= forget_room;
+            wishes.forget_calibration |= forget_calibration;
         });
         if wishes.forget_room {
             self.forget_room.store(true, Ordering::Relaxed);
         }
+        if let Some(reconstruction) = sources.supervisor.reconstruction().filter(|_| wishes.forget_calibration) {
+            reconstruction.forget_calibration();
+        }
         for panel::SettingChange { name, value } in wishes.changes {
             log::debug!("the panel: {name} = {value}");
             self.show_pending_change(name, &value);
-            store.change(SettingChange { name: name.to_owned(), value });
+            sources.store.change(SettingChange { name: name.to_owned(), value });
         }
         self.repaint_requested =
             output.viewport_output.values().any(|viewport| viewport.repaint_delay < Duration::from_millis(100));

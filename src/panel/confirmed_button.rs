@@ -1,5 +1,4 @@
-//! The button that erases the room's map. It asks for confirmation: it must be pressed twice within
-//! some seconds.
+//! A button that erases what was learnt. It asks for confirmation: it must be pressed twice within some seconds.
 
 use egui::{Align2, Id, Rect, Sense, Ui, pos2, vec2};
 
@@ -8,27 +7,24 @@ use super::{BAD, FAINT, HOVERED, RAISED, ROUND, TEXT, font};
 /// Width and height, pixels. Choice: the longer of its two texts fits.
 const SIZE: [f32; 2] = [236.0, 56.0];
 /// Time for the second press, seconds. Choice: time to read the question; later a stray press must
-/// not erase the map.
+/// not erase anything.
 const CONFIRM_WITHIN_S: f64 = 5.0;
 
-/// Position: upper right corner of the plan.
-pub(super) fn area(plan: Rect) -> Rect {
+/// Position: upper right corner of an area.
+pub(super) fn area(of: Rect) -> Rect {
     let [width, height] = SIZE;
-    Rect::from_min_size(pos2(plan.max.x - 16.0 - width, plan.min.y + 16.0), vec2(width, height))
+    Rect::from_min_size(pos2(of.max.x - 16.0 - width, of.min.y + 16.0), vec2(width, height))
 }
 
 /// Draws the button. Returns true on the second press.
-pub(super) fn draw(ui: &Ui, rect: Rect) -> bool {
-    let (id, now_s) = (Id::unique("forget the room"), ui.input(|input| input.time));
+pub(super) fn draw(ui: &Ui, rect: Rect, label: &'static str) -> bool {
+    let (id, now_s) = (Id::unique(label), ui.input(|input| input.time));
     let asked_s: Option<f64> = ui.data(|data| data.get_temp(id));
     let is_asking = asked_s.is_some_and(|then_s| (0.0..CONFIRM_WITHIN_S).contains(&(now_s - then_s)));
     let response = ui.interact(rect, id, Sense::click());
     let ground = if response.hovered() { HOVERED } else { RAISED };
-    let (text, color, ground) = if is_asking {
-        ("Sure? Press again", TEXT, BAD.gamma_multiply(0.6))
-    } else {
-        ("Forget the room", FAINT, ground)
-    };
+    let (text, color, ground) =
+        if is_asking { ("Sure? Press again", TEXT, BAD.gamma_multiply(0.6)) } else { (label, FAINT, ground) };
     ui.painter().rect_filled(rect, ROUND, ground);
     ui.painter().text(rect.center(), Align2::CENTER_CENTER, text, font(25.0), color);
     if is_asking {
