@@ -85,9 +85,10 @@ pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
     plan::draw(painter, plan_area(), &view.plan);
     // An empty map cannot be erased.
     let is_known = view.health.obstacles + view.health.walls > 0;
-    let forget_room = is_known && confirmed_button::draw(ui, confirmed_button::area(plan_area()), "Forget the room");
+    let forget_room =
+        is_known && confirmed_button::draw(ui, confirmed_button::area_in_plan(plan_area()), "Forget the room");
     let forget_calibration = view.health.is_calibrated()
-        && confirmed_button::draw(ui, confirmed_button::area(calibration_area()), "Calibrate anew");
+        && confirmed_button::draw(ui, confirmed_button::area_in_card(calibration_area()), "Calibrate anew");
     PanelActions { changes: switches::draw(ui, switches_area(), &view.settings), forget_room, forget_calibration }
 }
 
@@ -96,8 +97,8 @@ pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
 /// `forget` and `calibrate`.
 pub fn target(settings: &toml::Table, name: &str) -> Option<[f32; 2]> {
     let mut targets = switches::targets(switches_area(), settings);
-    targets.push(("forget".to_owned(), confirmed_button::area(plan_area())));
-    targets.push(("calibrate".to_owned(), confirmed_button::area(calibration_area())));
+    targets.push(("forget".to_owned(), confirmed_button::area_in_plan(plan_area())));
+    targets.push(("calibrate".to_owned(), confirmed_button::area_in_card(calibration_area())));
     targets.into_iter().find(|(own, _)| own == name).map(|(_, rect)| [rect.center().x, rect.center().y])
 }
 
