@@ -100,6 +100,9 @@ fn mount_text(mount: Option<&MountEstimate>) -> String {
     let Some(mount) = mount else {
         return "Mount      not observable: no echo was followed\n".to_owned();
     };
+    if let Some(mistake) = mount.pose_mistake {
+        return format!("Mount      not observable: the poses do not fit the echoes; likeliest, {mistake}\n");
+    }
     let (position_m, shift_m, sigma_m) = (mount.position_m, mount.shift_m(), mount.sigma_m());
     let contradicts = mount.contradicts();
     let mut text = String::new();
@@ -139,9 +142,10 @@ fn direction_text(mount: &MountEstimate) -> String {
     };
     let right = side(x.atan2(-z).to_degrees(), "to the right", "to the left");
     let up = side(y.clamp(-1.0, 1.0).asin().to_degrees(), "up", "down");
-    let state = match mount.contradicts_direction() {
-        true => format!("{:.0}° from where it is set to face", turn_rad.to_degrees()),
-        false => "as it is set".to_owned(),
+    let state = match (mount.contradicts_direction(), boresight.observed) {
+        (true, _) => format!("{:.0}° from where it is set to face", turn_rad.to_degrees()),
+        (false, true) => "as it is set".to_owned(),
+        (false, false) => "the side that it is set to face".to_owned(),
     };
     format!("{right}, {up} of the head's, ± {:.0}°: {state}", boresight.sigma_rad.to_degrees())
 }

@@ -85,6 +85,9 @@ fn check_mount(findings: &Findings, headset: &str) -> Result<()> {
     let place = format!("sensor at ({x:.3}, {y:.3}, {z:.3}) m on the head, {correction} from where it is set");
     match mount.is_contradicted() {
         false => findings.ok("Mount", &place),
+        true if mount.pose_mistake().is_some() => {
+            findings.warn("Mount", &format!("{place}; the poses did not fit the echoes: `calibrate` shows more"))
+        }
         true => findings.warn("Mount", &format!("{place}, which the data contradict: `calibrate` shows more")),
     }
 }

@@ -308,6 +308,9 @@ fn mount(mount: &MountInUse) -> Option<String> {
     let at =
         |pose: &Pose| format!("({:.3}, {:.3}, {:.3}) m", pose.translation.x, pose.translation.y, pose.translation.z);
     let (assumed, correction) = (at(&mount.assumed), correction_text(mount));
+    if let Some(mistake) = mount.pose_mistake() {
+        return Some(format!("the poses do not fit the echoes: likeliest, {mistake}"));
+    }
     match (mount.is_corrected(), mount.is_contradicted()) {
         (true, _) => Some(format!(
             "mount {} on the head, corrected by {correction}: it is set to {assumed}; `calibrate` shows more",

@@ -185,8 +185,8 @@ impl CalibrationControl {
         self.counters.estimates += 1;
         let found = self.found?;
         let time_offset_s = if self.estimates_offset { self.update_offset(now_ns, &found.time_offset) } else { None };
-        let boresight = self.estimator.as_ref().and_then(|estimator| estimator.boresight(&self.beam));
-        let mount_m = self.mount.update(now_ns, &found, boresight.as_ref());
+        let directions = self.estimator.as_ref()?.echo_directions(&self.beam);
+        let mount_m = self.mount.update(now_ns, &found, &directions);
         let is_changed = time_offset_s.is_some() || mount_m.is_some();
         is_changed.then(|| CalibrationChange { time_offset_s: time_offset_s.unwrap_or(0.0), mount_m })
     }

@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 use radar_sar::geometry::Pose;
-use radar_sar::{Boresight, Calibration};
+use radar_sar::{Boresight, Calibration, EchoDirections};
 
 use super::mount_estimate::MIN_CONTRADICTION_RAD;
 use super::{MountCounters, MountEstimate, MountInUse};
@@ -81,15 +81,17 @@ impl MountControl {
     }
 
     /// Takes an estimate. Returns the distance that the sensor moves, metres, when the mount in use changes.
-    pub fn update(&mut self, now_ns: i64, found: &Calibration, boresight: Option<&Boresight>) -> Option<f64> {
-        let estimate = MountEstimate::new(&self.assumed, found, boresight);
+    pub fn update(&mut self, now_ns: i64, found: &Calibration, directions: &EchoDirections) -> Option<f64> {
+        let estimate = MountEstimate::new(&self.assumed, found, directions);
         self.estimate = Some(estimate);
         let turn_rad =
-            |found: &Boresight| self.assumed.transform_vector(found.direction).angle_between(self.in_use().forward());
-        self.hints_at_turn = boresight.is_some_and(|found| turn_rad(found) > MIN_CONTRADICTION_RAD);
+            |found: Boresight| self.assumed.transform_vector(found.direction).angle_between(self.in_use().forward());
+        self.hints_at_turn = directions.boresight.is_some_and(|found| turn_rad(found) > MIN_CONTRADICTION_RAD);
         // Backward times must not lengthen the pause.
         self.next_change_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > PAUSE_NS);
-        if !self.is_applied || self.next_change_ns.is_some_and(|next_ns| now_ns < next_ns) {
+        // With wrong poses the estimate means nothing.
+        let is_usable = self.is_applied && directions.pose_mistake.is_none();
+        if !is_usable || self.next_change_ns.is_some_and(|next_ns| now_ns < next_ns) {
             return None;
         }
         let wanted_m = self.wanted_m(found);
@@ -97,7 +99,8 @@ impl MountControl {
             let bound_m = MIN_CHANGE_M.max(SIGNIFICANT * sigma_m(found, axis));
             (wanted_m[axis] - self.shift_m[axis]).abs() > bound_m
         };
-        let is_turned = MountEstimate { assumed: self.in_use(), ..estimate }.contradicts_direction();
+        let is_turned = estimate.boresight.is_some_and(|boresight| boresight.observed)
+            && MountEstimate { assumed: self.in_use(), ..estimate }.contradicts_direction();
         if is_turned {
             self.rotation = estimate.turned();
             self.hints_at_turn = false;
@@ -140,9 +143,10 @@ fn sigma_m(found: &Calibration, axis: usize) -> f64 {
 mod tests {
     use super::*;
     use glam::{DMat3, DQuat};
-    use radar_sar::TimeOffset;
+    use radar_sar::{PoseMistake, TimeOffset};
 
     const S: i64 = 1_000_000_000;
+    const NONE: EchoDirections = EchoDirections { boresight: None, pose_mistake: None };
 
     fn found(shift_m: DVec3, sigma_m: DVec3) -> Calibration {
         let time_offset = TimeOffset { offset_s: 0.0, sigma_s: 1e-3, observable: true, tracks: 9, tracks_left_out: 0 };
@@ -160,7 +164,7 @@ mod tests {
     fn known_axes_are_corrected_in_the_heads_frame_and_others_left() {
         let assumed = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
         let mut mount = MountControl::new(&assumed, true);
-        let moved_m = mount.update(0, &found(DVec3::new(0.03, 0.02, -0.04), DVec3::new(2e-3, 20e-3, 6e-3)), None);
+        let moved_m = mount.update(0, &found(DVec3::new(0.03, 0.02, -0.04), DVec3::new(2e-3, 20e-3, 6e-3)), &NONE);
         assert!((moved_m.unwrap() - 0.05).abs() < 1e-12, "{moved_m:?}");
         // The sensor's x axis is the head's −z axis, its z axis the head's x axis.
         let expected_m = assumed.translation + DVec3::new(-0.04, 0.0, -0.03);
@@ -173,16 +177,16 @@ mod tests {
     fn small_uncertain_and_frequent_changes_are_not_made() {
         let mut mount = MountControl::new(&Pose::IDENTITY, true);
         let sharp = DVec3::splat(1e-3);
-        assert_eq!(mount.update(0, &found(DVec3::splat(4e-3), sharp), None), None, "small");
-        assert_eq!(mount.update(S, &found(DVec3::splat(15e-3), DVec3::splat(4e-3)), None), None, "uncertain");
-        assert!(mount.update(2 * S, &found(DVec3::X * 20e-3, sharp), None).is_some());
-        assert_eq!(mount.update(3 * S, &found(DVec3::X * 30e-3, sharp), None), None, "so soon");
-        assert!(mount.update(8 * S, &found(DVec3::X * 30e-3, sharp), None).is_some());
+        assert_eq!(mount.update(0, &found(DVec3::splat(4e-3), sharp), &NONE), None, "small");
+        assert_eq!(mount.update(S, &found(DVec3::splat(15e-3), DVec3::splat(4e-3)), &NONE), None, "uncertain");
+        assert!(mount.update(2 * S, &found(DVec3::X * 20e-3, sharp), &NONE).is_some());
+        assert_eq!(mount.update(3 * S, &found(DVec3::X * 30e-3, sharp), &NONE), None, "so soon");
+        assert!(mount.update(8 * S, &found(DVec3::X * 30e-3, sharp), &NONE).is_some());
         assert_eq!(mount.counters().changes, 2);
         assert!(mount.is_settled(&found(DVec3::new(32e-3, 9e-3, 0.0), DVec3::splat(5e-3))));
         assert!(!mount.is_settled(&found(DVec3::new(32e-3, 11e-3, 0.0), DVec3::splat(5e-3))), "it may be wrong");
         let mut fixed = MountControl::new(&Pose::IDENTITY, false);
-        assert_eq!(fixed.update(0, &found(DVec3::X * 50e-3, sharp), None), None);
+        assert_eq!(fixed.update(0, &found(DVec3::X * 50e-3, sharp), &NONE), None);
         assert!(fixed.state().is_contradicted() && fixed.in_use() == Pose::IDENTITY);
     }
 
@@ -192,25 +196,27 @@ mod tests {
         let mut mount = MountControl::new(&assumed, true);
         let nothing = found(DVec3::ZERO, DVec3::splat(1e-3));
         // To the left in the sensor's axes.
-        let facing = |angle_rad: f64, observable: bool| Boresight {
-            direction: DQuat::from_rotation_y(angle_rad) * DVec3::NEG_Z,
-            sigma_rad: 0.11,
-            tracks: 30,
-            observable,
+        let facing = |angle_rad: f64, observable: bool| {
+            let direction = DQuat::from_rotation_y(angle_rad) * DVec3::NEG_Z;
+            let boresight = Boresight { direction, sigma_rad: 0.11, tracks: 30, observable };
+            EchoDirections { boresight: Some(boresight), pose_mistake: None }
         };
-        assert_eq!(mount.update(0, &nothing, Some(&facing(0.7, true))), None, "small");
+        assert_eq!(mount.update(0, &nothing, &facing(0.7, true)), None, "small");
         assert!(mount.is_settled(&nothing));
-        assert_eq!(mount.update(S, &nothing, Some(&facing(1.5, false))), None, "not observed");
+        assert_eq!(mount.update(S, &nothing, &facing(1.5, false)), None, "not observed");
         assert!(!mount.is_settled(&nothing), "it may face elsewhere");
+        assert!(mount.state().is_contradicted(), "shown, not applied");
+        let wrong_poses = EchoDirections { pose_mistake: Some(PoseMistake::MirroredX), ..facing(1.5, true) };
+        assert_eq!(mount.update(9 * S, &found(DVec3::X, DVec3::splat(1e-3)), &wrong_poses), None);
         for turn_rad in [1.5, std::f64::consts::PI] {
             let mut mount = MountControl::new(&assumed, true);
-            assert_eq!(mount.update(0, &nothing, Some(&facing(turn_rad, true))), Some(0.0), "{turn_rad}");
-            let expected = assumed.transform_vector(facing(turn_rad, true).direction);
+            assert_eq!(mount.update(0, &nothing, &facing(turn_rad, true)), Some(0.0), "{turn_rad}");
+            let expected = assumed.transform_vector(facing(turn_rad, true).boresight.unwrap().direction);
             assert!(mount.in_use().forward().angle_between(expected) < 1e-6);
             assert!((mount.state().correction_rad() - turn_rad).abs() < 1e-6);
             assert!(mount.in_use().translation.distance(assumed.translation) < 1e-12);
             assert!(!mount.state().is_contradicted());
-            assert_eq!(mount.update(9 * S, &nothing, Some(&facing(turn_rad, true))), None);
+            assert_eq!(mount.update(9 * S, &nothing, &facing(turn_rad, true)), None);
         }
     }
 
@@ -218,7 +224,7 @@ mod tests {
     fn the_mount_of_an_earlier_session_is_resumed_while_the_assumed_one_stays() {
         let assumed = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_y(0.3));
         let mut before = MountControl::new(&assumed, true);
-        assert!(before.update(0, &found(DVec3::X * 30e-3, DVec3::splat(1e-3)), None).is_some());
+        assert!(before.update(0, &found(DVec3::X * 30e-3, DVec3::splat(1e-3)), &NONE).is_some());
         let after = |assumed: Pose, is_applied: bool| {
             let mut mount = MountControl::new(&assumed, is_applied);
             mount.resume(&before.state());

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use radar_sar::geometry::Pose;
-use radar_sar::{Boresight, Calibration};
+use radar_sar::{Calibration, EchoDirections, PoseMistake};
 use serde::{Deserialize, Serialize};
 
 /// An axis counts as observed up to this 1σ, metres. Choice: a sensor that is 1 cm off displaces a near object by as
@@ -12,9 +12,11 @@ const OBSERVED_M: f64 = 10e-3;
 /// the tracking leave errors larger than a Gaussian's; a ruler is no better than 5 mm.
 const SIGNIFICANT: f64 = 4.0;
 const MIN_CONTRADICTION_M: f64 = 5e-3;
-/// The assumed direction is contradicted from this angle on as well, rad. Choice: 45°; a sensor that is set to face sideways, up,
-/// down or back is off by 90° or more, and in furnished rooms estimates were wrong by up to 32° (`lab --example mount`).
+/// The assumed direction is contradicted from this angle and from this many 1σ on, rad. Choice: 45°; a sensor that is set to face
+/// sideways, up, down or back is off by 90° or more, and in furnished rooms estimates were wrong by up to 32° (`lab --example
+/// mount`); 3σ, because before the amplitudes tell more 1σ is 17° or more.
 pub(crate) const MIN_CONTRADICTION_RAD: f64 = std::f64::consts::FRAC_PI_4;
+const SIGNIFICANT_TURN: f64 = 3.0;
 
 /// Where the sensor faces.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -23,6 +25,9 @@ pub struct BoresightEstimate {
     pub direction: DVec3,
     /// 1σ of a turn about the less certain axis, rad.
     pub sigma_rad: f64,
+    /// Whether it is known better than the side, well enough to turn the mount.
+    #[serde(default)]
+    pub observed: bool,
 }
 
 /// Where the sensor is on the head.
@@ -36,24 +41,29 @@ pub struct MountEstimate {
     pub assumed: Pose,
     /// Whether the motion made it observable along the head's x, y and z axes.
     pub observed: [bool; 3],
-    /// `None` when the motion did not make the direction observable.
+    /// `None` while not even the side is known.
     #[serde(default)]
     pub boresight: Option<BoresightEstimate>,
+    /// What is wrong with the poses, when they do not fit the ranges; the rest means nothing then.
+    #[serde(default)]
+    pub pose_mistake: Option<PoseMistake>,
 }
 
 impl MountEstimate {
-    /// From the corrections and the direction of a sensor that was assumed at `assumed`, a `head_from_sensor`.
-    pub fn new(assumed: &Pose, found: &Calibration, boresight: Option<&Boresight>) -> Self {
+    /// From the corrections and the directions of a sensor that was assumed at `assumed`, a `head_from_sensor`.
+    pub fn new(assumed: &Pose, found: &Calibration, directions: &EchoDirections) -> Self {
         let head_from_axes = DMat3::from_quat(assumed.rotation);
         let position_m = assumed.translation + head_from_axes * found.mount_shift_m;
         let covariance_m2 = head_from_axes * found.mount_covariance_m2 * head_from_axes.transpose();
-        let boresight = boresight.filter(|found| found.observable).map(|found| BoresightEstimate {
+        let boresight = directions.boresight.map(|found| BoresightEstimate {
             direction: assumed.transform_vector(found.direction),
             sigma_rad: found.sigma_rad,
+            observed: found.observable,
         });
-        let estimate = Self { position_m, covariance_m2, assumed: *assumed, observed: [false; 3], boresight };
-        let observed = estimate.sigma_m().to_array().map(|sigma_m| sigma_m <= OBSERVED_M);
-        Self { observed, ..estimate }
+        let [x, y, z] = covariance_m2.to_cols_array_2d();
+        let observed = [x[0], y[1], z[2]].map(|variance_m2| variance_m2 <= OBSERVED_M * OBSERVED_M);
+        let pose_mistake = directions.pose_mistake;
+        Self { position_m, covariance_m2, assumed: *assumed, observed, boresight, pose_mistake }
     }
 
     /// 1σ along the head's axes, metres.
@@ -67,11 +77,10 @@ impl MountEstimate {
         self.position_m - self.assumed.translation
     }
 
-    /// The axes in which it contradicts the assumed position.
+    /// The axes in which it contradicts the assumed position. An axis need not be known well to show that the origin is wrong.
     pub fn contradicts(&self) -> [bool; 3] {
         let (shift_m, sigma_m) = (self.shift_m().to_array(), self.sigma_m().to_array());
-        let bound_m = |k: usize| (SIGNIFICANT * sigma_m[k]).max(MIN_CONTRADICTION_M);
-        std::array::from_fn(|k| self.observed[k] && shift_m[k].abs() > bound_m(k))
+        std::array::from_fn(|k| shift_m[k].abs() > (SIGNIFICANT * sigma_m[k]).max(MIN_CONTRADICTION_M))
     }
 
     /// Angle from the assumed direction, rad.
@@ -81,7 +90,8 @@ impl MountEstimate {
 
     /// Whether it contradicts the assumed direction.
     pub fn contradicts_direction(&self) -> bool {
-        let bound_rad = |boresight: BoresightEstimate| (SIGNIFICANT * boresight.sigma_rad).max(MIN_CONTRADICTION_RAD);
+        let bound_rad =
+            |boresight: BoresightEstimate| (SIGNIFICANT_TURN * boresight.sigma_rad).max(MIN_CONTRADICTION_RAD);
         self.boresight.is_some_and(|boresight| self.turn_rad() > Some(bound_rad(boresight)))
     }
 
@@ -119,10 +129,16 @@ impl MountInUse {
         self.in_use != self.assumed
     }
 
-    /// Whether the last estimate contradicts the mount in use in an axis of the head, or its direction.
+    /// Whether the last estimate contradicts the mount in use in an axis of the head, or its direction, or the poses.
     pub fn is_contradicted(&self) -> bool {
         let against = |estimate: MountEstimate| MountEstimate { assumed: self.in_use, ..estimate };
-        self.estimate.map(against).is_some_and(|it| it.contradicts().contains(&true) || it.contradicts_direction())
+        let contradicts = |it: MountEstimate| it.contradicts().contains(&true) || it.contradicts_direction();
+        self.pose_mistake().is_some() || self.estimate.map(against).is_some_and(contradicts)
+    }
+
+    /// What is wrong with the poses, by the last estimate.
+    pub fn pose_mistake(&self) -> Option<PoseMistake> {
+        self.estimate.and_then(|estimate| estimate.pose_mistake)
     }
 
     /// Whether the motion made the position observable in each axis of the head.

@@ -129,7 +129,9 @@ pub use refine::{JointFit, PositionErrors, Refined, best_pair, refine, split};
 pub use selection::{
     Preselection, PreselectionCounters, Preselector, Selection, UnknownSelection, farthest_points, random,
 };
-pub use self_calibration::{Boresight, Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
+pub use self_calibration::{
+    Boresight, Calibration, CalibrationSettings, EchoDirections, PoseMistake, SelfCalibration, TimeOffset,
+};
 pub use setting_bounds::{BoundedSettings, SettingBound, SettingOutOfBounds};
 pub use signal::{distance_falloff, envelope, template};
 pub use simd::{INSTRUCTIONS_VARIABLE, InstructionSet, UnknownInstructionSet};

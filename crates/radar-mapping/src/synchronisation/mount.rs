@@ -33,5 +33,5 @@ pub(super) fn mount(
     path.for_each(|at| estimator.push_path(at.time_ns, &at.tracking_from_sensor, at.velocity_m_per_s));
     let found = estimator.estimate()?;
     let assumed = settings.tracking.mount.unwrap_or(*head_from_sensor);
-    Some(MountEstimate::new(&assumed, &found, estimator.boresight(&settings.radar.beam).as_ref()))
+    Some(MountEstimate::new(&assumed, &found, &estimator.echo_directions(&settings.radar.beam)))
 }

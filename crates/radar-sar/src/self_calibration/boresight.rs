@@ -1,9 +1,9 @@
 //! Where the sensor faces, from the amplitudes of echoes against the beam.
 //!
-//! A track gives the direction of its reflector, so the head's rotation moves the reflector through the beam in a known way.
+//! The search begins at the mean direction of all echoes. A track gives the direction of its reflector, so the head's rotation moves the reflector through the beam in a known way.
 //! ln amplitude = level of the track + ln A(angle from the boresight) + aspect · displacement. The level, errors of
 //! the reflector's direction and the aspect dependence are the track's own and are eliminated; the boresight is
-//! common to all tracks and is found by Gauss–Newton, robustly. A turn about the boresight is not observable, and has
+//! common to all tracks and is found by Gauss–Newton, robustly, with the mean direction as a prior. A turn about the boresight is not observable, and has
 //! no effect: the beam is the same in both planes.
 
 use std::collections::BTreeMap;
@@ -12,6 +12,7 @@ use glam::{DMat2, DVec2, DVec3};
 
 use super::combination::{TrackTerm, combine};
 use super::corrections::Quadratic;
+use super::mean_direction::{PoseMistake, RangeChanges, mean_direction, pose_mistake};
 use crate::{Beam, math};
 
 /// Echoes within this time are averaged, nanoseconds. Choice: fading and noise are correlated over a few groups of sweeps.
@@ -27,9 +28,9 @@ const ASPECT_SLOPE: f64 = 1.0;
 const OWN_ERROR_RAD: f64 = 0.03;
 /// Amplitudes below this do not distinguish directions. Choice: the pattern is not known at −26 dB.
 const MIN_AMPLITUDE: f64 = 0.05;
-/// 1σ of the boresight about the mean direction of the tracks, rad; one farther off is not believed. Choice: the beam's
-/// half-width.
-const PRIOR_RAD: f64 = 0.5;
+/// 1σ of the boresight about the true mean direction of the echoes, rad. Measured (`lab --example mount -- --gross`, worlds
+/// dining and office): floor and furniture lie below the boresight, on average by up to 25°.
+const OFF_MEAN_RAD: f64 = 0.25;
 /// Iterations, and their greatest step, rad. Choice: three suffice; the pattern is quadratic about as far.
 const MAX_ITERATIONS: usize = 8;
 const MAX_STEP_RAD: f64 = 0.3;
@@ -38,9 +39,9 @@ const SMALL_STEP: f64 = 0.1;
 /// Error that all tracks share, 1σ, rad. Measured (`lab --example mount`, worlds dining and office, sensor set right): errors
 /// of 6°, mostly in elevation, that the tracks' scatter does not show.
 const SYSTEMATIC_RAD: f64 = 0.1;
-/// The boresight counts as observed up to this 1σ without the shared error, rad, from so many tracks. Choice: 5°, and
-/// enough that their scatter shows what a track does not know of itself.
-const OBSERVED_RAD: f64 = 0.09;
+/// The boresight counts as observed up to this 1σ, rad. Choice: 8°, a quarter of the lensless beam's half-width.
+const OBSERVED_RAD: f64 = 0.14;
+/// Amplitudes of fewer tracks are not used. Choice: enough that their scatter shows what a track does not know of itself.
 const MIN_TRACKS: usize = 12;
 
 /// Where the sensor faces.
@@ -50,10 +51,19 @@ pub struct Boresight {
     pub direction: DVec3,
     /// 1σ of a turn about the less certain axis, rad.
     pub sigma_rad: f64,
-    /// Number of tracks used.
+    /// Number of tracks whose amplitudes were used.
     pub tracks: usize,
-    /// Whether it is known, to about 6°.
+    /// Whether it is known to better than the side, to about 6°.
     pub observable: bool,
+}
+
+/// What the directions of the echoes show.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct EchoDirections {
+    /// Where the sensor faces; `None` while echoes do not show a side.
+    pub boresight: Option<Boresight>,
+    /// What is wrong with the poses, when they do not fit the ranges and would without that.
+    pub pose_mistake: Option<PoseMistake>,
 }
 
 /// An echo's direction and amplitude.
@@ -68,6 +78,14 @@ pub(super) struct Aspect {
     pub displacement: DVec2,
     /// Logarithm of the amplitude without the law of range.
     pub ln_amplitude: f64,
+}
+
+/// Where the echoes of a track come from.
+#[derive(Debug, Clone)]
+pub(super) struct Directions {
+    pub changes: RangeChanges,
+    /// `None` while the reflector's direction is not known.
+    pub aspects: Option<Aspects>,
 }
 
 /// Aspects of a track, averaged over [`BIN_NS`].
@@ -88,10 +106,6 @@ impl Aspects {
 
     fn middle_ns(&self) -> i64 {
         self.averages.get(self.averages.len() / 2).map_or(0, |aspect| aspect.time_ns)
-    }
-
-    fn mean_direction(&self) -> DVec3 {
-        self.averages.iter().map(|aspect| aspect.direction).sum::<DVec3>().normalize_or_zero()
     }
 
     /// The information near a boresight on turns along two tangents, with the track's own unknowns eliminated.
@@ -157,34 +171,45 @@ fn ln_gain_and_slope(beam: &Beam, cos: f64) -> (f64, f64) {
     (ln_gain(cos), (ln_gain(above) - ln_gain(below)) / (above - below))
 }
 
-/// The boresight that the tracks agree on; `None` without tracks.
-pub(super) fn boresight<'a>(tracks: impl Iterator<Item = &'a Aspects>, beam: &Beam) -> Option<Boresight> {
-    let tracks: Vec<&Aspects> = tracks.collect();
-    let expected = tracks.iter().map(|track| track.mean_direction()).sum::<DVec3>().try_normalize()?;
-    let (mut direction, mut found) = (expected, None);
+impl EchoDirections {
+    pub(super) fn of<'a>(tracks: impl Iterator<Item = &'a Directions>, beam: &Beam) -> Self {
+        let tracks: Vec<&Directions> = tracks.collect();
+        let pose_mistake = pose_mistake(tracks.iter().map(|track| &track.changes));
+        Self { boresight: boresight(&tracks, beam), pose_mistake }
+    }
+}
+
+/// The boresight that the tracks agree on; `None` while they do not show a side.
+fn boresight(tracks: &[&Directions], beam: &Beam) -> Option<Boresight> {
+    let mean = mean_direction(tracks.iter().map(|track| &track.changes))?;
+    let aspects: Vec<&Aspects> = tracks.iter().filter_map(|track| track.aspects.as_ref()).collect();
+    let prior_rad = math::hypot(mean.sigma_rad, OFF_MEAN_RAD);
+    let by_mean = Boresight { direction: mean.direction, sigma_rad: prior_rad, tracks: 0, observable: false };
+    let by_amplitudes = if aspects.len() >= MIN_TRACKS { by_amplitudes(&aspects, &by_mean, beam) } else { None };
+    Some(by_amplitudes.unwrap_or(by_mean))
+}
+
+/// Gauss–Newton from what is known before. `None` without an optimum within twice its 1σ.
+fn by_amplitudes(tracks: &[&Aspects], before: &Boresight, beam: &Beam) -> Option<Boresight> {
+    let (mut direction, mut found) = (before.direction, None);
     for _ in 0..MAX_ITERATIONS {
         let tangents = <[DVec3; 2]>::from(direction.any_orthonormal_pair());
         let terms: Vec<TrackTerm<2>> = tracks.iter().filter_map(|t| t.term(direction, &tangents, beam)).collect();
         let mut prior = Quadratic::default();
-        tangents.iter().enumerate().for_each(|(k, tangent)| prior.expect(k, tangent.dot(expected), PRIOR_RAD));
-        let combination = combine(&terms, &prior, &[PRIOR_RAD; 2])?;
+        let expected = |(k, tangent): (usize, &DVec3)| (k, tangent.dot(before.direction));
+        tangents.iter().enumerate().map(expected).for_each(|(k, off)| prior.expect(k, off, before.sigma_rad));
+        let combination = combine(&terms, &prior, &[before.sigma_rad; 2])?;
         let step = DVec2::from_array(combination.step).clamp_length_max(MAX_STEP_RAD);
         direction = (direction + tangents[0] * step.x + tangents[1] * step.y).normalize();
         let [x, y] = combination.covariance;
-        let sigma_rad = x[0].max(y[1]).sqrt();
-        let is_plausible = direction.angle_between(expected) <= PRIOR_RAD;
-        let observable = sigma_rad <= OBSERVED_RAD && terms.len() >= MIN_TRACKS && is_plausible;
-        found = Some(Boresight {
-            direction,
-            sigma_rad: math::hypot(sigma_rad, SYSTEMATIC_RAD),
-            tracks: terms.len(),
-            observable,
-        });
-        if step.length() <= SMALL_STEP * sigma_rad {
+        let own_rad = x[0].max(y[1]).sqrt();
+        let sigma_rad = math::hypot(own_rad, SYSTEMATIC_RAD);
+        found = Some(Boresight { direction, sigma_rad, tracks: terms.len(), observable: sigma_rad <= OBSERVED_RAD });
+        if step.length() <= SMALL_STEP * own_rad {
             break;
         }
     }
-    found
+    found.filter(|found| found.direction.angle_between(before.direction) <= 2.0 * before.sigma_rad)
 }
 
 #[cfg(test)]
@@ -220,10 +245,17 @@ mod tests {
         (0..16).map(track).collect()
     }
 
+    /// Gauss–Newton from 20° off.
+    fn found(tracks: &[Aspects], towards: DVec3, beam: &Beam) -> Option<Boresight> {
+        let direction = DQuat::from_axis_angle(towards.any_orthonormal_vector(), 0.35) * towards;
+        let before = Boresight { direction, sigma_rad: 0.3, tracks: 0, observable: false };
+        by_amplitudes(&tracks.iter().collect::<Vec<_>>(), &before, beam)
+    }
+
     #[test]
     fn boresight_is_found_wherever_the_sensor_faces() {
         for truth in [DVec3::NEG_Z, DVec3::new(0.2, -0.1, -0.9).normalize(), DVec3::X, DVec3::Z] {
-            let found = boresight(tracks(truth, 0.3).iter(), &Beam::Lensless).unwrap();
+            let found = found(&tracks(truth, 0.3), truth, &Beam::Lensless).unwrap();
             let error_rad = found.direction.angle_between(truth);
             assert!(found.observable && error_rad < 0.03 && error_rad < 3.0 * found.sigma_rad, "{truth}: {found:?}");
         }
@@ -231,9 +263,9 @@ mod tests {
 
     #[test]
     fn without_rotation_or_without_a_pattern_it_is_not_observed() {
-        let found = |turn_rad: f64, beam: &Beam| boresight(tracks(DVec3::NEG_Z, turn_rad).iter(), beam);
+        let found = |turn_rad: f64, beam: &Beam| found(&tracks(DVec3::NEG_Z, turn_rad), DVec3::NEG_Z, beam);
         assert!(!found(0.001, &Beam::Lensless).unwrap().observable);
         assert!(!found(0.3, &Beam::Uniform).unwrap().observable);
-        assert_eq!(boresight([].iter(), &Beam::Lensless), None);
+        assert_eq!(EchoDirections::of([].iter(), &Beam::Lensless), EchoDirections::default());
     }
 }

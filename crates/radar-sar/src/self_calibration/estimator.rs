@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::boresight::{Aspects, Boresight, boresight};
+use super::boresight::{Directions, EchoDirections};
 use super::combination::{Combination, TrackTerm, combine};
 use super::corrections::{BIAS, CORRECTIONS, Corrections, Matrix, OFFSET, Quadratic, SHIFT};
 use super::echoes::EchoReader;
@@ -169,8 +169,8 @@ pub struct SelfCalibration {
     /// Information of former tracks on the mount and the range bias, at the corrections `known_at`.
     known: Quadratic,
     known_at: Corrections,
-    /// Directions and amplitudes of former tracks.
-    former_aspects: VecDeque<Aspects>,
+    /// Where the echoes of former tracks came from.
+    former_directions: VecDeque<Directions>,
     /// Where the last estimate ended; `None` before the first whose time offset was observed.
     last: Option<Point>,
 }
@@ -186,7 +186,7 @@ impl SelfCalibration {
             fitted: VecDeque::new(),
             known: Quadratic::default(),
             known_at: Corrections::default(),
-            former_aspects: VecDeque::new(),
+            former_directions: VecDeque::new(),
             last: None,
         }
     }
@@ -234,11 +234,10 @@ impl SelfCalibration {
         Some(calibration)
     }
 
-    /// Where the sensor faces, by the tracks' amplitudes and directions as of the last estimate; `None` while no track's
-    /// direction is known.
-    pub fn boresight(&self, beam: &Beam) -> Option<Boresight> {
-        let recent = self.fitted.iter().filter_map(|track| track.fit.aspects.as_ref());
-        boresight(self.former_aspects.iter().chain(recent), beam)
+    /// What the directions of the tracks' echoes show, as of the last estimate.
+    pub fn echo_directions(&self, beam: &Beam) -> EchoDirections {
+        let recent = self.fitted.iter().filter_map(|track| track.fit.directions.as_ref());
+        EchoDirections::of(self.former_directions.iter().chain(recent), beam)
     }
 
     /// Moves tracks that the path covers to the fitted ones.
@@ -385,9 +384,9 @@ impl SelfCalibration {
         let since_ns = end_ns.saturating_sub(MEMORY_NS);
         let count = self.fitted.iter().take_while(|track| track.fit.last_ns < since_ns).count();
         let old: Vec<FittedTrack> = self.fitted.drain(..count).collect();
-        self.former_aspects.extend(old.iter().filter_map(|track| track.fit.aspects.clone()));
-        while self.former_aspects.len() > MAX_FITTED {
-            self.former_aspects.pop_front();
+        self.former_directions.extend(old.iter().filter_map(|track| track.fit.directions.clone()));
+        while self.former_directions.len() > MAX_FITTED {
+            self.former_directions.pop_front();
         }
         let mut old_sum = Quadratic::default();
         for (term, weight) in self.terms(old.iter(), point).iter().zip(&combination.weights) {

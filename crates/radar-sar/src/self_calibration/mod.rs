@@ -8,6 +8,8 @@
 //! is estimated from the tracks as well.
 //!
 //! Amplitudes are not used for these; they show where the sensor faces, as the head turns reflectors through the beam.
+//! Range changes show the side that echoes come from, echoes that move with the head, which are left out, and poses that do not
+//! fit.
 //!
 //! It works on echoes alone and does not use the map, so a wrong map cannot mislead it. What the motion does not
 //! make observable keeps its prior standard deviation: without rotation the position is not observed, and along a straight path
@@ -20,11 +22,13 @@ mod corrections;
 mod echoes;
 mod estimator;
 mod information;
+mod mean_direction;
 mod normal_equations;
 mod path;
 mod reflector;
 mod track_fit;
 mod tracks;
 
-pub use boresight::Boresight;
+pub use boresight::{Boresight, EchoDirections};
 pub use estimator::{Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
+pub use mean_direction::PoseMistake;

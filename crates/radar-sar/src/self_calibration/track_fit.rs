@@ -9,10 +9,11 @@ use std::ops::Range;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::basis::SlowErrorBasis;
-use super::boresight::{Aspect, Aspects};
+use super::boresight::{Aspect, Aspects, Directions};
 use super::corrections::{BIAS, CORRECTIONS, Corrections, OFFSET};
 use super::echoes::Echo;
 use super::information::Information;
+use super::mean_direction::{RangeChanges, Sighting};
 use super::normal_equations::NormalEquations;
 use super::path::{PathState, SensorPath};
 use super::reflector::{REFLECTOR, Reflector, ReflectorKind};
@@ -87,8 +88,8 @@ pub(super) struct TrackFit {
     pub rows: Vec<Row>,
     pub basis: SlowErrorBasis,
     explanations: Vec<Explanation>,
-    /// `None` before the first fit, and while the reflector's direction is not known.
-    pub aspects: Option<Aspects>,
+    /// Where its echoes come from; `None` before the first fit, and when they move with the head.
+    pub directions: Option<Directions>,
     pub first_ns: i64,
     pub last_ns: i64,
 }
@@ -161,7 +162,7 @@ impl TrackFit {
             rows: echoes.iter().map(row).collect(),
             basis: SlowErrorBasis::over(first_ns, last_ns, errors),
             explanations: Vec::new(),
-            aspects: None,
+            directions: None,
             first_ns,
             last_ns,
         })
@@ -171,13 +172,18 @@ impl TrackFit {
     /// path has a gap.
     pub fn information(&mut self, path: &SensorPath, at: &Corrections, drift_scale: f64) -> Option<Information> {
         let problem = Problem::new(self, path, at, drift_scale)?;
+        let changes = RangeChanges::new(problem.sightings());
+        if changes.as_ref().is_some_and(RangeChanges::moves_with_head) {
+            self.directions = None;
+            return None;
+        }
         let starts = match self.explanations.is_empty() {
             true => problem.coarse(),
             false => self.explanations.clone(),
         };
         let fits = apart(starts.into_iter().filter_map(|start| problem.fitted(start)).collect());
         let information = Information::of(&problem, fits.first()?)?;
-        self.aspects = problem.aspects(&fits);
+        self.directions = changes.map(|changes| Directions { changes, aspects: problem.aspects(&fits) });
         self.explanations = fits.into_iter().map(|fit| fit.explanation).collect();
         Some(information)
     }
@@ -212,6 +218,15 @@ impl<'a> Problem<'a> {
         let of_row = |(row, state): (&Row, &PathState)| track.basis.at(row.time_ns, state.position_m);
         let values = track.rows.iter().zip(&at_range).flat_map(of_row).collect();
         Some(Self { track, at_range, at_phase, values, bias_m: at[BIAS], drift_scale })
+    }
+
+    fn sightings(&self) -> impl Iterator<Item = Sighting> {
+        self.rows().iter().zip(&self.at_range).map(|(row, state)| Sighting {
+            time_ns: row.time_ns,
+            range_m: row.range_m,
+            position_m: state.position_m,
+            tracking_from_sensor: state.tracking_from_sensor,
+        })
     }
 
     fn rows(&self) -> &[Row] {

@@ -10,22 +10,47 @@ use rayon::prelude::*;
 use super::{mean, quantile};
 use radar_chaperone::report::Table;
 use radar_chaperone::settings::Settings;
-use radar_mapping::{Event, MountEstimate, Observer, ObserverSettings, in_time_order};
+use radar_mapping::{Event, MountEstimate, MountInUse, Observer, ObserverSettings, in_time_order};
 use radar_sar::geometry::Pose;
-use radar_sar::{Boresight, Calibration, CalibrationSettings, SelfCalibration, TimeOffset};
+use radar_sar::{Calibration, CalibrationSettings, EchoDirections, PoseSample, SelfCalibration, TimeOffset};
 use radar_simulation::{Headset, PlaySession, PlayWorld, Session, TrackingErrors};
 
 /// Farthest that the true mount is from the assumed one. Choice: a sensor taped anywhere to a headset's front.
 const MAX_SHIFT_M: f64 = 0.08;
 const MAX_TURN_DEG: f64 = 20.0;
-/// Directions that a sensor is set to face by mistake, yaw and pitch, and the right one.
-const SET_DEG: [(&str, f64, f64); 6] = [
-    ("left", 90.0, 0.0),
-    ("right", -90.0, 0.0),
-    ("back", 180.0, 0.0),
-    ("up", 0.0, 90.0),
-    ("down", 0.0, -90.0),
-    ("as it faces", 0.0, 0.0),
+/// A mistake in the settings, or in where the poses come from.
+struct Mistake {
+    name: &'static str,
+    /// By how much the sensor is set to face elsewhere.
+    yaw_deg: f64,
+    pitch_deg: f64,
+    /// By how much the place that the poses state is off the head's origin, in the head's frame, metres.
+    origin_m: DVec3,
+    poses: Poses,
+}
+
+/// What is wrong with every pose.
+#[derive(Clone, Copy, PartialEq)]
+enum Poses {
+    Right,
+    /// The x axis of positions points the other way.
+    MirroredPositions,
+    /// Rotations from the tracking frame to the head's.
+    InvertedRotations,
+}
+
+const NONE: Mistake =
+    Mistake { name: "none", yaw_deg: 0.0, pitch_deg: 0.0, origin_m: DVec3::ZERO, poses: Poses::Right };
+const MISTAKES: [Mistake; 9] = [
+    Mistake { name: "faces left", yaw_deg: 90.0, ..NONE },
+    Mistake { name: "faces right", yaw_deg: -90.0, ..NONE },
+    Mistake { name: "faces back", yaw_deg: 180.0, ..NONE },
+    Mistake { name: "faces up", pitch_deg: 90.0, ..NONE },
+    Mistake { name: "faces down", pitch_deg: -90.0, ..NONE },
+    Mistake { name: "origin 20 cm off", origin_m: DVec3::new(0.0, -0.16, 0.12), ..NONE },
+    Mistake { name: "x axis mirrored", poses: Poses::MirroredPositions, ..NONE },
+    Mistake { name: "rotations inverted", poses: Poses::InvertedRotations, ..NONE },
+    NONE,
 ];
 /// Times after which the estimate is read, seconds.
 const READ_S: [f64; 3] = [15.0, 30.0, 60.0];
@@ -38,8 +63,9 @@ struct Read {
     error_m: DVec3,
     /// Squared error in units of the stated covariance.
     squared: f64,
-    /// Where the sensor faces and by how much that is wrong, rad, when it counts as observed.
-    boresight: Option<(f64, Boresight)>,
+    /// By how much the direction is wrong where it counts as observed, rad.
+    boresight_off_rad: Option<f64>,
+    directions: EchoDirections,
     found: Calibration,
 }
 
@@ -92,8 +118,7 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
     let mut squared: Vec<f64> = reads.iter().map(|read| read.squared).collect();
     let mut offsets_ms: Vec<f64> = reads.iter().map(|read| read.found.time_offset.offset_s.abs() * 1e3).collect();
     let mut drifts_mm: Vec<f64> = reads.iter().map(|read| read.found.drift_m * 1e3).collect();
-    let boresights = reads.iter().filter_map(|read| read.boresight);
-    let mut wrong_deg: Vec<f64> = boresights.map(|(wrong_rad, _)| wrong_rad.to_degrees()).collect();
+    let mut wrong_deg: Vec<f64> = reads.iter().filter_map(|read| read.boresight_off_rad).map(f64::to_degrees).collect();
     let observed = reads.iter().map(|read| read.found.time_offset).filter(|offset| offset.observable);
     let is_off = |offset: TimeOffset| f64::from(u8::from(offset.offset_s.abs() > 3.0 * offset.sigma_s));
     vec![
@@ -116,11 +141,11 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
 
 /// Plays one room whose sensor is elsewhere than assumed.
 fn played(session: &PlaySession) -> [Option<Read>; 3] {
-    played_as(session, &session.head_from_sensor, &random_shift(session.seed))
+    played_as(session, &session.head_from_sensor, &random_shift(session.seed), Poses::Right)
 }
 
 /// Plays one room whose sensor is off the assumed one. Echoes and path alone are used: nothing is mapped.
-fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose) -> [Option<Read>; 3] {
+fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose, poses: Poses) -> [Option<Read>; 3] {
     let duration_s = READ_S[READ_S.len() - 1] + 1.0;
     let session = PlaySession { duration_s, head_from_sensor: *assumed * *off, ..session.clone() };
     let session = session.prepare().unwrap_or_else(|error| panic!("{error}"));
@@ -136,7 +161,7 @@ fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose) -> [Option<Read>
         // What is refused is counted.
         let _ = match event {
             Event::Frame(frame) => observer.push_frame(frame),
-            Event::Pose(pose) => observer.push_pose(&pose),
+            Event::Pose(pose) => observer.push_pose(&poses.of(pose)),
             Event::Hands(_) => Ok(()),
         };
         for at in observer.take_path() {
@@ -150,11 +175,12 @@ fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose) -> [Option<Read>
         if let Some(n) = READ_S.iter().position(|read_s| (read_s - next_s).abs() < 1e-6) {
             reads[n] = found.map(|found| {
                 let error_m = found.mount_shift_m - off.translation;
-                let boresight = calibration.boresight(&session.play().beam).filter(|found| found.observable);
+                let directions = calibration.echo_directions(&session.play().beam);
                 let truth = off.rotation * DVec3::NEG_Z;
-                let boresight = boresight.map(|found| (found.direction.angle_between(truth), found));
+                let observed = directions.boresight.filter(|found| found.observable);
+                let boresight_off_rad = observed.map(|found| found.direction.angle_between(truth));
                 let squared = error_m.dot(found.mount_covariance_m2.inverse() * error_m);
-                Read { error_m, squared, boresight, found }
+                Read { error_m, squared, boresight_off_rad, directions, found }
             });
         }
         next_s += ESTIMATE_S;
@@ -162,40 +188,54 @@ fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose) -> [Option<Read>
     reads
 }
 
-/// In how many rooms a sensor that looks ahead, and is set to face elsewhere, contradicts that; and one that is set right.
+/// In how many rooms the data contradict a mistake, and in how many they contradict what is right.
 ///
 /// # Panics
 /// The session cannot be simulated.
 pub fn gross_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Headset], seeds: &Range<u64>) -> Table {
     let mut rows = Vec::new();
     for (world, headset) in worlds.iter().flat_map(|world| headsets.iter().map(move |headset| (world, headset))) {
-        for (name, yaw_deg, pitch_deg) in SET_DEG {
+        for mistake in MISTAKES {
             let of_seed = |seed: u64| {
                 let errors = TrackingErrors { mount_m: 0.0, ..headset.errors() };
-                contradicted(&PlaySession { seed, world: *world, errors, ..session.clone() }, [yaw_deg, pitch_deg])
+                contradicted(&PlaySession { seed, world: *world, errors, ..session.clone() }, &mistake)
             };
             let rooms: Vec<[bool; 3]> = seeds.clone().into_par_iter().map(of_seed).collect();
             let percent = |n: usize| 100.0 * mean(rooms.iter().map(|room| f64::from(u8::from(room[n]))));
-            let names = [format!("{world:?}").to_lowercase(), format!("{headset:?}").to_lowercase(), name.to_owned()];
+            let names = [format!("{world:?}"), format!("{headset:?}"), mistake.name.to_owned()];
             let shares = (0..3).map(|n| format!("{:.0}", percent(n)));
-            rows.push(names.into_iter().chain([rooms.len().to_string()]).chain(shares).collect());
+            let row = names.map(|name| name.to_lowercase()).into_iter().chain([rooms.len().to_string()]).chain(shares);
+            rows.push(row.collect());
         }
     }
-    let head = ["world", "headset", "set to face", "rooms", "after 15 s (%)", "after 30 s (%)", "after 60 s (%)"];
-    let caption = "Share of the rooms in which the data contradict the direction.".into();
+    let head = ["world", "headset", "mistake", "rooms", "after 15 s (%)", "after 30 s (%)", "after 60 s (%)"];
+    let caption = "Share of the rooms in which the data contradict the mount or the poses.".into();
     Table { head: head.map(str::to_owned).to_vec(), rows, caption }
 }
 
-/// Whether a sensor whose direction is set wrong by a yaw and a pitch contradicts it, after each of [`READ_S`].
-fn contradicted(session: &PlaySession, [yaw_deg, pitch_deg]: [f64; 2]) -> [bool; 3] {
+/// Whether the data contradict a mistake, after each of [`READ_S`].
+fn contradicted(session: &PlaySession, mistake: &Mistake) -> [bool; 3] {
+    let Mistake { yaw_deg, pitch_deg, origin_m, poses, .. } = *mistake;
     let turn = DQuat::from_rotation_y(yaw_deg.to_radians()) * DQuat::from_rotation_x(pitch_deg.to_radians());
-    let assumed = session.head_from_sensor * Pose::new(DVec3::ZERO, turn);
+    let Pose { translation, rotation } = session.head_from_sensor;
+    let assumed = Pose { translation: translation - origin_m, rotation: rotation * turn };
+    let off = assumed.inverse() * session.head_from_sensor;
     let contradicts = |read: Read| {
-        let boresight = read.boresight.map(|(_, found)| found);
-        MountEstimate::new(&assumed, &read.found, boresight.as_ref()).contradicts_direction()
+        let estimate = Some(MountEstimate::new(&assumed, &read.found, &read.directions));
+        MountInUse { assumed, in_use: assumed, estimate }.is_contradicted()
     };
-    let off = Pose::new(DVec3::ZERO, turn.inverse());
-    played_as(session, &assumed, &off).map(|read| read.is_some_and(contradicts))
+    played_as(session, &assumed, &off, poses).map(|read| read.is_some_and(contradicts))
+}
+
+impl Poses {
+    fn of(self, mut sample: PoseSample) -> PoseSample {
+        match self {
+            Self::Right => {}
+            Self::MirroredPositions => sample.position_m[0] = -sample.position_m[0],
+            Self::InvertedRotations => sample.quaternion_xyzw[3] = -sample.quaternion_xyzw[3],
+        }
+        sample
+    }
 }
 
 fn random_shift(seed: u64) -> Pose {
