@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use std::ops::Range;
 
 use glam::DVec3;
+use radar_sar::geometry::Pose;
 
 /// Left and right hand, tracking frame, metres; `None` for one that is not tracked.
 pub type HandsM = [Option<DVec3>; 2];
@@ -70,6 +71,13 @@ impl HandTrail {
         while self.0.pop_front_if(|(old_ns, _)| time_ns.saturating_sub(*old_ns) > RETENTION_NS).is_some() {}
     }
 
+    /// Moves the positions of a time on: their frame jumped.
+    pub fn move_since(&mut self, since_ns: i64, new_from_old: &Pose) {
+        for (_, hands_m) in self.0.iter_mut().rev().take_while(|(at_ns, _)| *at_ns >= since_ns) {
+            *hands_m = hands_m.map(|hand| hand.map(|at_m| new_from_old.transform_point(at_m)));
+        }
+    }
+
     /// Whether a hand was within this distance of a point since a time.
     pub fn came_near(&self, point: DVec3, within_m: f64, since_ns: i64) -> bool {
         let recent = self.0.iter().rev().take_while(|(at_ns, _)| *at_ns >= since_ns);
@@ -95,6 +103,15 @@ mod tests {
         let ranges = hand_ranges_m(0.6);
         assert!([0.25, 0.4, 0.6, 0.75].iter().all(|range_m| ranges.contains(range_m)), "{ranges:?}");
         assert!([0.2, 0.8].iter().all(|range_m| !ranges.contains(range_m)), "{ranges:?}");
+    }
+
+    #[test]
+    fn a_jump_moves_the_positions_of_its_time_on() {
+        let mut trail = HandTrail::default();
+        (0..3).for_each(|n| trail.push(n * 100_000_000, [Some(DVec3::X), None], None));
+        trail.move_since(100_000_000, &Pose::from_translation(DVec3::Y));
+        let moved = [Some(DVec3::X + DVec3::Y), None];
+        assert_eq!([0, 1, 2].map(|n| trail.at(n * 100_000_000)), [[Some(DVec3::X), None], moved, moved]);
     }
 
     #[test]

@@ -152,7 +152,11 @@ impl Mapper {
                 Ok(Accepted::default())
             }
             Event::Pose(pose) => {
+                let jumps = self.tracking_jumps();
                 let pushed = self.observer.push_pose(&pose);
+                if let Some(jump) = self.observer.last_jump().filter(|_| self.tracking_jumps() > jumps) {
+                    self.search.follow(&jump);
+                }
                 let observations = self.process_ready(false);
                 self.schedule_calibration();
                 pushed.map(|()| Accepted { observations })

@@ -19,7 +19,7 @@ use super::timestamps::{TimestampFilter, TimestampVerdict};
 use super::{Event, Refusal, in_time_order, range_axis};
 use a121::{Frame, FrameLayout, SensorConfig, Sweep};
 use radar_sar::geometry::Pose;
-use radar_sar::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
+use radar_sar::{FollowedJump, HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
 use radar_sar::{Observation, SweepGeometry};
 
 /// Most frames that wait for poses. Choice: half a second of the fastest ones.
@@ -208,8 +208,8 @@ impl Observer {
     /// it smoother. This does not depend on how early sweeps get their poses.
     pub fn take_path(&mut self) -> Vec<SensorState> {
         let smooth_ns = self.settings.history.smooth_ns();
-        let Some(last_ns) = self.history.last_time_ns() else { return Vec::new() };
-        let until_ns = last_ns.saturating_sub(smooth_ns);
+        let Some(settled_ns) = self.history.settled_until_ns() else { return Vec::new() };
+        let until_ns = settled_ns.saturating_sub(smooth_ns);
         let first_ns = self.next_path_ns.unwrap_or(i64::MIN).max(until_ns.saturating_sub(MAX_PATH_PAUSE_NS));
         let first_step = first_ns.div_euclid(PATH_STEP_NS) + i64::from(first_ns.rem_euclid(PATH_STEP_NS) > 0);
         let times = (first_step..=until_ns.div_euclid(PATH_STEP_NS)).map(|step| step * PATH_STEP_NS);
@@ -219,6 +219,11 @@ impl Observer {
         let path = times.filter_map(smooth).collect();
         self.next_path_ns = Some(first_ns.max(until_ns.saturating_add(1)));
         path
+    }
+
+    /// The last jump of the tracking frame that the path does not have.
+    pub fn last_jump(&self) -> Option<FollowedJump> {
+        self.history.last_jump()
     }
 
     /// Adds a pose. A bad one is counted and ignored.
@@ -312,10 +317,15 @@ impl Observer {
         std::mem::take(&mut self.ready)
     }
 
-    /// Time of the pose stream up to which no later pose will change the path.
+    /// Time of the pose stream up to which sweeps get their poses: where no later pose changes these, or, when poses are not
+    /// waited for long, where a jump may change them that is not suspected yet.
     fn complete_until_ns(&self) -> Option<i64> {
-        let known_ns = self.history.last_time_ns()?.saturating_sub(self.settings.history.ahead_ns());
-        Some(known_ns.min(self.history.one_frame_until_ns()))
+        let history = &self.settings.history;
+        let known_ns = match history.is_early() && !self.history.is_measuring_jump() {
+            true => self.history.last_time_ns(),
+            false => self.history.settled_until_ns(),
+        };
+        Some(known_ns?.saturating_sub(history.ahead_ns()))
     }
 
     fn offset_ns(&self) -> i64 {
@@ -406,6 +416,7 @@ mod tests {
     use a121::preset;
     use glam::DQuat;
     use num_complex::Complex;
+    use std::collections::BTreeMap;
 
     const MS: i64 = 1_000_000;
 
@@ -444,6 +455,34 @@ mod tests {
         assert!((observation.tracking_from_sensor.translation - expected.translation).length() < 1e-6);
         assert!((observation.velocity_m_per_s - DVec3::X).length() < 1e-6);
         assert!(observation.mid_time_ns < 300 * MS);
+    }
+
+    #[test]
+    fn sweeps_and_path_about_a_jump_are_those_of_a_tracker_that_does_not_jump() {
+        let jump = Pose::new(DVec3::new(0.08, -0.02, 0.06), DQuat::from_rotation_y(0.087));
+        let head = |i: i64| Pose::new(DVec3::new((i as f64 * 0.05).sin() * 0.2, 1.6, 0.0), DQuat::IDENTITY);
+        let run = |frame: &dyn Fn(i64) -> Pose| {
+            let mut observer = observer(Pose::IDENTITY, 0.0);
+            let (mut sweeps, mut path) = (Vec::new(), Vec::new());
+            for i in 0..120 {
+                observer.push_frame(self::frame(i * 10 * MS + 3 * MS)).unwrap();
+                observer.push_pose(&PoseSample::valid(i * 10 * MS, &(frame(i) * head(i)))).unwrap();
+                let ready = observer.take_ready();
+                sweeps.extend(ready.iter().map(|o| (o.mid_time_ns, o.tracking_from_sensor.translation)));
+                path.extend(observer.take_path().iter().map(|at| (at.time_ns, at.tracking_from_sensor.translation)));
+            }
+            [sweeps, path]
+        };
+        let steady = run(&|_| Pose::IDENTITY);
+        let jumping = run(&|i| if i < 60 { Pose::IDENTITY } else { jump });
+        for (steady, jumping) in steady.iter().zip(&jumping) {
+            let expected: BTreeMap<i64, DVec3> = steady.iter().copied().collect();
+            assert!(jumping.len() + 4 >= steady.len(), "{} of {}", jumping.len(), steady.len());
+            for (time_ns, at_m) in jumping {
+                let off_m = expected[time_ns].distance(*at_m);
+                assert!(off_m < 0.5e-3, "{off_m} m at {} ms", time_ns / MS);
+            }
+        }
     }
 
     #[test]
@@ -506,7 +545,7 @@ mod tests {
             assert_eq!((counters.frames_time_leapt, counters.poses_time_leapt), (1, 1), "{counters:?}");
             // The first frame begins before the first pose, and the second before the second.
             assert_eq!(observed, if bad_pose == 0 { 58 } else { 59 }, "{bad_pose} {bad_frame} {counters:?}");
-            assert!(path > 100, "{path}");
+            assert!(path > 90, "{path}");
         }
     }
 

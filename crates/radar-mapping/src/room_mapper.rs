@@ -41,7 +41,7 @@ use radar_sar::geometry::{Plane, Pose};
 use radar_sar::subaperture::{
     FineCounters, FineField, FineSettings, Peak, PlanePeak, Subaperture, SubapertureSettings,
 };
-use radar_sar::{Beam, Observation};
+use radar_sar::{Beam, FollowedJump, Observation};
 use recurrence::Recurrences;
 use refinement::Refinement;
 use screening::{CandidateLog, Screening};
@@ -299,6 +299,11 @@ impl RoomMapper {
     /// still exist.
     pub fn saved_map(&self) -> SavedMap {
         SavedMap { places: self.objects.saved(&self.imaging), walls: self.walls.saved(self.window.middle()) }
+    }
+
+    /// Takes a jump of the tracking frame: the hands' positions since were taken to be in the frame of before.
+    pub fn follow(&mut self, jump: &FollowedJump) {
+        self.hands.move_since(jump.first_after_ns, &jump.before_from_after);
     }
 
     /// Adds positions of the wearer's hands.

@@ -3,7 +3,7 @@
 use a121::{SensorConfig, frame_timing};
 use glam::DVec3;
 use radar_sar::geometry::{Aabb, Pose};
-use radar_sar::{Observation, PositionErrors};
+use radar_sar::{FollowedJump, Observation, PositionErrors};
 use serde::{Deserialize, Serialize};
 
 use super::calibration_control::CalibrationChange;
@@ -97,6 +97,13 @@ impl Search {
     pub fn update_poses_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
         if let Self::Rooms(rooms) = self {
             rooms.update_poses_before(next, sensor_at);
+        }
+    }
+
+    /// Takes a jump of the tracking frame: what came since was taken to be in the frame of before.
+    pub fn follow(&mut self, jump: &FollowedJump) {
+        if let Self::Rooms(rooms) = self {
+            rooms.follow(jump);
         }
     }
 

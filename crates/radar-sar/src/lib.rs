@@ -121,7 +121,7 @@ pub use noise::{subaperture_noise_rms, sweep_noise_rms};
 pub use observation::{Observation, SweepGeometry};
 pub use oracle::Oracle;
 pub use oracle_volume::oracle_volume;
-pub use pose_history::{HistorySettings, NoPose, PoseHistory, SmoothPose};
+pub use pose_history::{FollowedJump, HistorySettings, NoPose, PoseHistory, SmoothPose};
 pub use pose_sample::{PoseRefusal, PoseSample, TrackingResult};
 pub use range_axis::RangeAxis;
 pub use range_power::RangePower;

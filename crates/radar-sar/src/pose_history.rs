@@ -107,6 +107,18 @@ struct Entry {
 /// the jump.
 const MIN_BEFORE: usize = 4;
 
+/// How many poses before the suspected one [`frame_step`] may find a jump, or a bad pose.
+const MAX_EARLIER: usize = 2;
+
+/// A jump of the tracking frame that the path does not have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FollowedJump {
+    /// Time of the first pose after it.
+    pub first_after_ns: i64,
+    /// What it changes of positions of this time on, as the map frame had them before it was known.
+    pub before_from_after: Pose,
+}
+
 /// A jump that is suspected, and waits for the poses that its size is measured with.
 #[derive(Debug, Clone, Copy)]
 struct PendingJump {
@@ -121,6 +133,7 @@ pub struct PoseHistory {
     jump_detector: JumpDetector,
     pending: Option<PendingJump>,
     map_from_tracking: Pose,
+    last_jump: Option<FollowedJump>,
     jumps_followed: u64,
 }
 
@@ -139,6 +152,7 @@ impl PoseHistory {
             jump_detector: JumpDetector::default(),
             pending: None,
             map_from_tracking: Pose::IDENTITY,
+            last_jump: None,
             jumps_followed: 0,
         }
     }
@@ -220,6 +234,8 @@ impl PoseHistory {
                 let later = self.entries.range_mut(first + first_after..).filter_map(|entry| entry.pose.as_mut());
                 later.for_each(|pose| *pose = before_from_after * *pose);
                 self.map_from_tracking = before_from_after * self.map_from_tracking;
+                let first_after_ns = self.entries[first + first_after].time_ns;
+                self.last_jump = Some(FollowedJump { first_after_ns, before_from_after });
                 self.jumps_followed += 1;
             }
             FrameStep::BadPose(bad) => self.entries[first + bad].pose = None,
@@ -227,9 +243,25 @@ impl PoseHistory {
         }
     }
 
-    /// Until when no later pose moves poses of now to another frame; `i64::MAX` when no jump is being measured.
-    pub fn one_frame_until_ns(&self) -> i64 {
-        self.pending.as_ref().map_or(i64::MAX, |pending| pending.first_after_ns.saturating_sub(1))
+    /// Whether a jump of the tracking frame is being measured.
+    pub fn is_measuring_jump(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Until when no jump that is being measured, or may still be found, moves or removes a pose; `None` while there are too few.
+    pub fn settled_until_ns(&self) -> Option<i64> {
+        // The next pose may show a jump just before the second newest.
+        let first_after = match &self.pending {
+            Some(pending) => self.entries.partition_point(|entry| entry.time_ns < pending.first_after_ns),
+            None => self.entries.len().checked_sub(2)?,
+        };
+        let last = first_after.checked_sub(MAX_EARLIER + 1)?;
+        Some(self.entries.get(last)?.time_ns)
+    }
+
+    /// The last jump that the path does not have.
+    pub fn last_jump(&self) -> Option<FollowedJump> {
+        self.last_jump
     }
 
     /// Time of the newest entry, valid or not.
@@ -451,7 +483,10 @@ mod tests {
             let frame = if i < 30 { Pose::IDENTITY } else { jump };
             history.push(&PoseSample::valid(i * 8 * MS, &(frame * pose(x(i), 0.01 * i as f64)))).unwrap();
             let is_measured = !(32..36).contains(&i);
-            assert_eq!(history.one_frame_until_ns() == i64::MAX, is_measured, "pose {i}");
+            assert_eq!(history.is_measuring_jump(), !is_measured, "pose {i}");
+            let settled = history.settled_until_ns().map(|until_ns| until_ns / (8 * MS));
+            let expected = if is_measured { i - 4 } else { 27 };
+            assert_eq!(settled, (expected >= 0).then_some(expected), "pose {i}");
             assert_eq!(history.jumps_followed(), u64::from(i >= 36), "46 ms after the jump");
         }
         for i in [10, 29, 30, 31, 40, 59] {
@@ -494,7 +529,7 @@ mod tests {
         }
         let lost = PoseSample { valid: false, ..PoseSample::valid(34 * 8 * MS, &pose(0.05, 0.0)) };
         assert_eq!(history.push(&lost), Err(PoseRefusal::Invalid));
-        assert_eq!((history.jumps_followed(), history.one_frame_until_ns()), (1, i64::MAX));
+        assert_eq!((history.jumps_followed(), history.is_measuring_jump()), (1, false));
         assert!((history.last_pose().unwrap().1.translation.x).abs() < 1e-4);
     }
 
