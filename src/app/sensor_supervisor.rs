@@ -120,13 +120,16 @@ impl SensorSupervisor {
         }
     }
 
-    /// Keeps the mount in use for the next session with this headset, if it has changed. Accesses a file.
+    /// Keeps the mount in use for the next session with this headset, if it has been estimated, or the kept one forgotten. Accesses
+    /// a file.
     pub fn keep_mount(&self) {
         let newest = self.reconstruction().and_then(|reconstruction| reconstruction.latest().mount);
         let (Some(memory), Some(mount)) = (&self.mount_memory, newest) else { return };
         let mut kept = self.kept_mount.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_new = kept.map_or(mount.estimate.is_some(), |kept| kept.in_use != mount.in_use);
-        if is_new {
+        let is_applied = self.settings.lock().unwrap_or_else(PoisonError::into_inner).tracking.estimate_mount;
+        let is_forgotten = kept.is_some_and(|kept| kept.assumed == mount.assumed);
+        let is_new = kept.is_none_or(|kept| kept.in_use != mount.in_use);
+        if is_applied && is_new && (mount.estimate.is_some() || is_forgotten) {
             *kept = Some(mount);
             if let Err(error) = memory.keep(&mount) {
                 log::warn!("the sensor's place on the headset is not kept: {error:#}");

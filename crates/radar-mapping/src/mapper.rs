@@ -290,7 +290,8 @@ impl Mapper {
         let state = (self.search.updates(), self.tracking_jumps());
         let is_new = state != self.polled;
         self.polled = state;
-        is_new.then(|| self.scene())
+        // Before the first update there is nothing that a jump could move.
+        (is_new && state.0 > 0).then(|| self.scene())
     }
 
     /// How often the tracking frame has jumped. From a jump on the scene has other coordinates.

@@ -166,9 +166,8 @@ impl PlaySessions {
             let headset = Headset::from_name(name)?;
             headsets.push((name.clone(), headset, headset.errors()));
         }
-        let last = headsets.last().cloned();
+        let Some((_, headset, base)) = headsets.last().cloned() else { return Ok(all) };
         for errors in &self.tracking {
-            let (_, headset, base) = last.clone().context("--tracking needs a --headset")?;
             headsets.push((errors.clone(), headset, with_errors(base, errors)?));
         }
         for (name, headset, tracking) in &headsets {

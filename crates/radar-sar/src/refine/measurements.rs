@@ -3,7 +3,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::path_filter::{PathFilter, Sight};
+use super::path_filter::{OUTLIER_SIGMA, PathFilter, Sight};
 use super::unwrapped::Unwrapped;
 use super::{PositionErrors, Prior, direction, outer, regular_inverse};
 use crate::PHASE_RAD_PER_M;
@@ -153,7 +153,7 @@ pub(super) fn with_drift_of(all: &[Measured], errors: &PositionErrors) -> Positi
             filter.advance(&one.sight);
             let expected = filter.predict(&one.sight, false, one.range_variance_m2);
             let square = filter.update(&expected, &[one.range_off_m], 0)[0];
-            0.5 * (square + math::ln(expected.variance_m2))
+            0.5 * (limited(square) + math::ln(expected.variance_m2))
         });
         costs.sum::<f64>()
     };
@@ -172,6 +172,11 @@ pub(super) fn with_drift_of(all: &[Measured], errors: &PositionErrors) -> Positi
         }
     }
     best.1
+}
+
+/// The square of an innovation; an outlier's counts as the least outlier's, whatever the drift.
+fn limited(square: f64) -> f64 {
+    square.min(OUTLIER_SIGMA * OUTLIER_SIGMA)
 }
 
 /// Fits ranges and phases together, every hypothesis weighted by its likelihood; `None` when the

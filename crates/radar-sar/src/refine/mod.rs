@@ -545,6 +545,17 @@ mod tests {
     }
 
     #[test]
+    fn single_wrong_ranges_are_no_drift() {
+        let errors = PositionErrors { mount_m: 0.0, ..Default::default() };
+        let mut some = with_drift(3, 1.5, 1e-3);
+        // One of twenty sweeps, as by interference or another echo.
+        some.iter_mut().step_by(20).for_each(|sweep| sweep.tracking_from_sensor.translation += DVec3::Z * 0.05);
+        let power = RangePower::new(&some, &Beam::Lensless, 0.15);
+        let refined = refine(&power, AT, None, &errors).unwrap();
+        assert!((1e-3..1.6e-3).contains(&refined.wander_m), "{}", refined.wander_m);
+    }
+
+    #[test]
     fn conjugated_phase_is_ignored() {
         for seed in 0..4 {
             let turned = conjugated(with_wrong_poses(seed));

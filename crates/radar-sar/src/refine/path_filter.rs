@@ -32,7 +32,7 @@ pub(crate) const JITTER_S: f64 = 0.02;
 const OPEN_OFFSET_M: f64 = 0.1;
 /// Innovations beyond this many sigma are limited to it. Choice: one in 2000 of regular
 /// innovations; a larger one is interference or another echo.
-const OUTLIER_SIGMA: f64 = 3.5;
+pub(crate) const OUTLIER_SIGMA: f64 = 3.5;
 
 /// One sweep's geometry as the filter needs it.
 #[derive(Debug, Clone, Copy, PartialEq)]
