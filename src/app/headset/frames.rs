@@ -18,7 +18,7 @@ use super::runtime_monitor::RuntimeMonitor;
 use super::samples::{HandSampler, poses_now, sample, wearer};
 use super::session_frame::SessionFrame;
 use super::status::{Ending, HeadsetError, HeadsetReport, HeadsetStatus};
-use crate::app::{CoreWait, Reconstruction, SettingsStore, now_ns, thread_cpu_ns};
+use crate::app::{CoreWait, PublishedMap, Reconstruction, SettingsStore, now_ns, thread_cpu_ns};
 use crate::openvr::{DisplayTiming, Hands, Runtime, RuntimeEvent, Universe};
 use crate::render::RenderError;
 use crate::settings::Settings;
@@ -322,7 +322,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
     /// length of a sensor frame.
     fn take_scene(&mut self, anchor: &Anchor) -> Option<(i64, i64)> {
         let published = self.with.supervisor.reconstruction()?.latest();
-        self.scene.place(&published.scene, published.epoch, &anchor.standing_from_session());
+        self.scene.place(&published, &anchor.standing_from_session());
         (published.newest_sweep_ns > 0).then(|| (published.newest_sweep_ns, self.with.supervisor.sensor_period_ns()))
     }
 
@@ -413,39 +413,92 @@ impl<'s, 'a> LoopState<'s, 'a> {
 }
 
 /// Tracks the warnings of the newest scene in the current standing universe; transforms the scene
-/// only when one of the two changes.
+/// only when one of the two changes. `from`: the scene, how often its frame had jumped, and the transform.
 #[derive(Default)]
 struct PlacedScene {
-    from: Option<(Arc<Scene>, Pose)>,
+    from: Option<(Arc<Scene>, u64, Pose)>,
     tracker: WarningTracker,
     /// Scenes of earlier epochs belong to a map that was reset.
     epoch: u64,
 }
 
 impl PlacedScene {
-    fn place(&mut self, scene: &Arc<Scene>, epoch: u64, standing_from_session: &Pose) {
-        if epoch < self.epoch {
+    fn place(&mut self, published: &PublishedMap, standing_from_session: &Pose) {
+        let PublishedMap { scene, epoch, tracking_jumps, .. } = published;
+        if *epoch < self.epoch {
             return;
         }
-        if epoch > self.epoch {
+        if *epoch > self.epoch {
             // After a reset, ids belong to other obstacles.
             self.tracker.reset();
         }
-        self.epoch = epoch;
-        if let Some((placed, by)) = &self.from {
+        self.epoch = *epoch;
+        if let Some((placed, jumps, by)) = &self.from {
             if Arc::ptr_eq(placed, scene) && by == standing_from_session {
                 return;
             }
-            if by != standing_from_session {
+            if by != standing_from_session || jumps != tracking_jumps {
                 // The tracked positions have moved in the play area.
                 self.tracker.change_frame();
             }
         }
         self.tracker.update(&scene.moved(standing_from_session));
-        self.from = Some((Arc::clone(scene), *standing_from_session));
+        self.from = Some((Arc::clone(scene), *tracking_jumps, *standing_from_session));
     }
 
     fn clear(&mut self) {
         (self.from, self.tracker) = (None, WarningTracker::new());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::warning::{WarningSettings, Wearer};
+    use glam::{DMat3, DQuat, DVec3};
+    use radar_mapping::{Observed, Obstacle};
+
+    /// A column before the wearer.
+    fn scene() -> Scene {
+        let shape = (0..200).map(|i| (DVec3::new(f64::from(i % 10) * 0.05, f64::from(i / 10) * 0.05, -0.8), 1.0));
+        let column = Obstacle {
+            id: 1,
+            position_m: DVec3::new(0.25, 0.5, -0.8),
+            covariance_m2: DMat3::IDENTITY * 1e-6,
+            observed: Observed::Position,
+            extent_m: DVec3::ZERO,
+            evidence: 10.0,
+            shape: shape.collect(),
+            provisional: false,
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        };
+        Scene { obstacles: vec![column], ..Scene::default() }
+    }
+
+    /// How bright the warning is after the wearer has stood still for four seconds, and a frame after the tracking frame has
+    /// jumped.
+    fn brightness(jumps: u64) -> [f64; 2] {
+        let jump = Pose::new(DVec3::new(0.08, -0.02, 0.06), DQuat::from_rotation_y(0.087));
+        let mut placed = PlacedScene::default();
+        let mut warn = |published: &PublishedMap, head: &Pose, frame: i64| {
+            placed.place(published, &Pose::IDENTITY);
+            let warnings =
+                placed.tracker.warn(&Wearer::head_only(frame * 11_000_000, *head), &WarningSettings::default());
+            f64::from(warnings.panels[0].alpha)
+        };
+        let head = Pose::from_translation(DVec3::new(0.0, 1.6, 0.0));
+        let before = PublishedMap { scene: Arc::new(scene()), ..PublishedMap::nothing(0) };
+        let first = (1..400).map(|frame| warn(&before, &head, frame)).last().unwrap();
+        let after = PublishedMap { scene: Arc::new(scene().moved(&jump)), tracking_jumps: jumps, ..before };
+        [first, (400..430).map(|frame| warn(&after, &(jump * head), frame)).last().unwrap()]
+    }
+
+    #[test]
+    fn a_jump_of_the_tracking_frame_does_not_change_warnings() {
+        let [before, after] = brightness(1);
+        assert!((after / before - 1.0).abs() < 0.02, "{before} {after}");
+        let [before, moved] = brightness(0);
+        assert!((moved / before - 1.0).abs() > 0.05, "what moved itself is another warning: {before} {moved}");
     }
 }

@@ -78,6 +78,8 @@ pub struct PublishedMap {
     pub number: u64,
     /// The map's scene. The same `Arc` until it changes.
     pub scene: Arc<Scene>,
+    /// How often the tracking frame had jumped: scenes of different numbers have different frames.
+    pub tracking_jumps: u64,
     /// End of the newest processed sweep, host nanoseconds; 0 before the first.
     pub newest_sweep_ns: i64,
     /// The time offset in use: time of a sweep's pose minus time of the sweep, seconds.
@@ -92,9 +94,17 @@ pub struct PublishedMap {
 
 impl PublishedMap {
     /// An empty map.
-    fn nothing(epoch: u64) -> Self {
-        let scene = Arc::new(Scene::default());
-        Self { number: 0, scene, newest_sweep_ns: 0, time_offset_s: 0.0, time_offset_sigma_s: None, mount: None, epoch }
+    pub(crate) fn nothing(epoch: u64) -> Self {
+        Self {
+            number: 0,
+            scene: Arc::new(Scene::default()),
+            tracking_jumps: 0,
+            newest_sweep_ns: 0,
+            time_offset_s: 0.0,
+            time_offset_sigma_s: None,
+            mount: None,
+            epoch,
+        }
     }
 }
 

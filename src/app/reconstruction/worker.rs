@@ -137,7 +137,7 @@ impl Worker {
         self.spec.known_mount = Some(self.mapper.mount());
         self.mapper = self.spec.mapper();
         self.latencies.reset();
-        self.evidence_ns = None;
+        (self.evidence_ns, self.tracking_jumps) = (None, 0);
         self.publish_map(PublishedMap { number: self.published.number, ..PublishedMap::nothing(epoch) });
     }
 
@@ -233,6 +233,7 @@ impl Worker {
         let estimate = self.mapper.time_offset_estimate().filter(|estimate| estimate.observable);
         self.publish_map(PublishedMap {
             number: self.published.number,
+            tracking_jumps: if scene.is_some() { self.tracking_jumps } else { self.published.tracking_jumps },
             scene: scene.map_or_else(|| Arc::clone(&self.published.scene), Arc::new),
             newest_sweep_ns,
             time_offset_s: self.mapper.time_offset_s(),

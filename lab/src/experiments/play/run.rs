@@ -105,6 +105,8 @@ struct Player<'s> {
     /// When the tracking frame jumped, and `tracked_from_true` from then on.
     frames: Vec<(i64, Pose)>,
     taken_poses: usize,
+    /// How often the tracking frame had jumped at the last scene.
+    tracking_jumps: u64,
     mapper: Mapper,
     tracker: WarningTracker,
     scene: Scene,
@@ -124,6 +126,7 @@ impl<'s> Player<'s> {
             poses: poses.peekable(),
             frames: vec![(i64::MIN, Pose::IDENTITY)],
             taken_poses: 0,
+            tracking_jumps: 0,
             mapper: Mapper::new(&play.config, &play.head_from_sensor, &settings.mapping()),
             tracker: WarningTracker::new(),
             scene: Scene::default(),
@@ -181,6 +184,10 @@ impl<'s> Player<'s> {
         let true_from_tracked = self.tracked_from_true(time_ns).inverse();
         if let Some(scene) = self.mapper.poll_scene() {
             self.scene = scene;
+            let jumps = self.mapper.tracking_jumps();
+            if std::mem::replace(&mut self.tracking_jumps, jumps) != jumps {
+                self.tracker.change_frame();
+            }
             self.tracker.update(&self.scene);
         }
         let evidence_ns = self.mapper.evidence_ns();
