@@ -59,7 +59,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let info = VolumeInfo { statistic: "log".into(), updates: 1_234, dense_updates: 216_000, ..VolumeInfo::default() };
     write_volume(&folder.join("chair.npy"), &volume, &info)?;
     write_ply(&folder.join("chair.ply"), &points_above(&volume, 0.35))?;
-    let offset = CalibrationReport { offset_s: 0.012, sigma_s: Some(0.000_4), observable: true, mount: None };
+    let offset =
+        CalibrationReport { offset_s: 0.012, sigma_s: Some(0.000_4), observable: true, mount: None, drift_m: None };
     write_obstacles_json(&folder.join("obstacles.json"), &scene, &serde_json::json!({"sweeps": 9600}), &offset)?;
     let row = |cells: [&str; 3]| cells.map(str::to_owned).to_vec();
     let table = Table {

@@ -20,6 +20,7 @@ pub struct SessionReport {
     time_offset_s: f64,
     time_offset_sigma_s: Option<f64>,
     mount: Option<MountInUse>,
+    drift_m: Option<f64>,
 }
 
 impl SessionReport {
@@ -32,7 +33,8 @@ impl SessionReport {
             obstacles: newest.as_ref().map_or(0, |newest| newest.scene.obstacles.len()),
             time_offset_s: newest.as_ref().map_or(0.0, |newest| newest.time_offset_s),
             time_offset_sigma_s: newest.as_ref().and_then(|newest| newest.time_offset_sigma_s),
-            mount: newest.and_then(|newest| newest.mount),
+            mount: newest.as_ref().and_then(|newest| newest.mount),
+            drift_m: newest.and_then(|newest| newest.drift_m),
         }
     }
 
@@ -72,6 +74,7 @@ impl SessionReport {
             "time_offset_s": self.time_offset_s,
             "time_offset_sigma_s": self.time_offset_sigma_s,
             "mount": self.mount,
+            "drift_m": self.drift_m,
             "reconstruction": reconstruction,
         });
         std::fs::write(path, format!("{report:#}\n")).with_context(|| format!("cannot write {}", path.display()))

@@ -224,6 +224,7 @@ pub(super) fn write_obstacles(path: &Path, scene: &Scene, mapper: &Mapper) -> Re
         sigma_s: estimate.map(|e| e.sigma_s),
         observable: estimate.is_some_and(|e| e.observable),
         mount: Some(mapper.mount()),
+        drift_m: mapper.drift_m(),
     };
     Ok(write_obstacles_json(path, scene, &counters, &offset)?)
 }

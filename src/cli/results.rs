@@ -49,6 +49,8 @@ impl Results {
             evidence_ns: mapper.evidence_ns(),
             time_offset_s: mapper.time_offset_s(),
             estimate: estimate.map(|e| OffsetEstimate { offset_s: e.offset_s, sigma_s: e.sigma_s }),
+            mount: Some(mapper.mount()),
+            drift_m: mapper.drift_m(),
             counted: results_counters(&mapper.counters()),
         };
         Ok(self.writer.write_snapshot(&snapshot)?)

@@ -69,6 +69,8 @@ pub struct Health {
     pub time_offset_sigma_s: Option<f64>,
     /// The sensor's place on the headset.
     pub mount: MountHealth,
+    /// Slow tracking error in each axis as estimated, rms, metres.
+    pub drift_m: Option<f64>,
     /// Age of the newest processed sweep, seconds; `None` before the first.
     pub age_s: Option<f64>,
     /// Whether the reconstruction is running.
@@ -159,7 +161,11 @@ impl Health {
     fn headset(&self) -> StatusCard {
         let (state, headline, more) = match self.is_tracked {
             true if self.poses_per_s < 1.0 => (State::Good, "Headset is tracked".into(), "No poses used yet.".into()),
-            true => (State::Good, "Headset is tracked".into(), format!("{:.0} poses a second", self.poses_per_s)),
+            true => {
+                let drift = self.drift_m.map(|drift_m| format!("; it drifts by {:.1} mm", drift_m * 1e3));
+                let detail = format!("{:.0} poses a second{}", self.poses_per_s, drift.unwrap_or_default());
+                (State::Good, "Headset is tracked".into(), detail)
+            }
             false => (
                 State::Bad,
                 "Headset is not tracked".into(),
@@ -297,6 +303,7 @@ mod tests {
             time_offset_s: 0.0021,
             time_offset_sigma_s: Some(0.0004),
             mount: MountHealth::Corrected { by_mm: 42, by_deg: 0 },
+            drift_m: Some(0.0012),
             age_s: Some(0.05),
             is_running: true,
             obstacles: 5,
@@ -315,7 +322,7 @@ mod tests {
         assert_eq!(states(&well()), [State::Good; 4]);
         let [sensor, headset, timing, room] = well().status_cards();
         assert_eq!(sensor.detail, "1056 sweeps a second, 0.0 % lost");
-        assert_eq!(headset.detail, "250 poses a second");
+        assert_eq!(headset.detail, "250 poses a second; it drifts by 1.2 mm");
         assert_eq!(timing.detail, "offset +2.1 ± 0.4 ms; the sensor is 42 mm from where it is set");
         assert_eq!(room.headline, "5 obstacles and 1 wall");
     }

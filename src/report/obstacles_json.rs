@@ -25,6 +25,8 @@ struct File<'a> {
     time_offset_sigma_s: Option<f64>,
     time_offset_observable: bool,
     mount: Option<MountEntry>,
+    /// Slow tracking error in each axis as estimated, rms.
+    drift_m: Option<f64>,
 }
 
 /// The sensor on the head: position assumed, in use, and as estimated with its 1σ, axis by axis.
@@ -35,7 +37,7 @@ struct MountEntry {
     estimate_m: Option<[f64; 3]>,
     estimate_sigma_m: Option<[f64; 3]>,
     observed: [bool; 3],
-    /// As estimated, in the head's frame; absent while it is not observed.
+    /// As estimated, in the head's frame; absent while not even its side is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     boresight: Option<[f64; 3]>,
     /// 1σ of a turn of it.
@@ -54,6 +56,8 @@ pub struct CalibrationReport {
     pub observable: bool,
     /// The mount.
     pub mount: Option<MountInUse>,
+    /// Slow tracking error in each axis as estimated, rms, metres.
+    pub drift_m: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -120,6 +124,7 @@ pub fn obstacles_json(
         time_offset_sigma_s: sigma_s.transpose()?,
         time_offset_observable: calibration.observable,
         mount: calibration.mount.as_ref().map(mount_entry).transpose()?,
+        drift_m: calibration.drift_m.map(|drift_m| finite(drift_m, || "drift_m".into())).transpose()?,
     };
     let mut bytes = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, EntryPerLineFormatter::default());
@@ -325,7 +330,8 @@ mod tests {
 
     #[test]
     fn keys_order_and_values_match_the_format() {
-        let known = CalibrationReport { offset_s: 0.25, sigma_s: Some(0.5), observable: true, mount: None };
+        let known =
+            CalibrationReport { offset_s: 0.25, sigma_s: Some(0.5), observable: true, mount: None, drift_m: None };
         let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), &known).unwrap()).unwrap();
         let entry = "{\"position_m\":[1.0,0.30000000000000004,-1e-17],\
              \"covariance_m2\":[[1.0,4.0,7.0],[2.0,5.0,8.0],[3.0,6.0,9.0]],\"extent_m\":[0.3,0.4,0.5],\

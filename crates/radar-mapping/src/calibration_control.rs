@@ -126,7 +126,7 @@ impl CalibrationControl {
     }
 
     /// Slow tracking error in each axis as last estimated, rms, metres.
-    pub fn slow_error_m(&self) -> Option<f64> {
+    pub fn drift_m(&self) -> Option<f64> {
         self.found.map(|found| found.drift_m)
     }
 

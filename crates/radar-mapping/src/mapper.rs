@@ -235,8 +235,8 @@ impl Mapper {
     fn update_calibration(&mut self) {
         let now_ns = self.observer.newest_pose_ns().unwrap_or(i64::MIN);
         let change = self.calibration.update(now_ns);
-        if let Some(slow_error_m) = self.calibration.slow_error_m() {
-            self.search.set_errors(self.settings.tracking.errors.with_slow_error_m(slow_error_m));
+        if let Some(drift_m) = self.calibration.drift_m() {
+            self.search.set_errors(self.settings.tracking.errors.with_slow_error_m(drift_m));
         }
         if let Some(change) = change {
             self.apply(&change);
@@ -379,6 +379,11 @@ impl Mapper {
     /// The last estimate of the time offset, applied or not; `None` when there was none.
     pub fn time_offset_estimate(&self) -> Option<TimeOffset> {
         self.calibration.estimate()
+    }
+
+    /// Slow tracking error in each axis as last estimated, rms, metres.
+    pub fn drift_m(&self) -> Option<f64> {
+        self.calibration.drift_m()
     }
 
     /// The mount in use, and its last estimate.

@@ -88,6 +88,8 @@ pub struct PublishedMap {
     pub time_offset_sigma_s: Option<f64>,
     /// The mount in use; `None` before the first frame.
     pub mount: Option<MountInUse>,
+    /// Slow tracking error in each axis as last estimated, rms, metres.
+    pub drift_m: Option<f64>,
     /// Number of resets before it.
     pub epoch: u64,
 }
@@ -103,6 +105,7 @@ impl PublishedMap {
             time_offset_s: 0.0,
             time_offset_sigma_s: None,
             mount: None,
+            drift_m: None,
             epoch,
         }
     }

@@ -239,6 +239,7 @@ impl Worker {
             time_offset_s: self.mapper.time_offset_s(),
             time_offset_sigma_s: estimate.map(|estimate| estimate.sigma_s),
             mount: Some(self.new_mount()),
+            drift_m: self.mapper.drift_m(),
             epoch: self.epoch,
         });
         let now_ns = now_ns();

@@ -32,6 +32,7 @@ pub fn figures(snapshot: &Snapshot, before: Option<&(i64, ResultsCounters)>) -> 
         Some((_, then)) if passed_s > 0.0 => count(now).saturating_sub(count(then)) as f64 / passed_s,
         _ => f64::NAN,
     };
+    let mount_sigma_m = snapshot.mount.and_then(|mount| mount.estimate).map(|found| found.sigma_m().max_element());
     let ms = |s: Option<f64>| s.map_or(f64::NAN, |s| s * 1e3);
     wire::Figures {
         nearest_m: nearest_obstacle_m.min(nearest_wall_m),
@@ -57,5 +58,8 @@ pub fn figures(snapshot: &Snapshot, before: Option<&(i64, ResultsCounters)>) -> 
         poses_left_out: now.poses_left_out as f64,
         looks: now.updates as f64,
         obstacles_forgotten: now.removed as f64,
+        mount_correction_mm: snapshot.mount.map_or(f64::NAN, |mount| mount.correction_m() * 1e3),
+        mount_sigma_mm: mount_sigma_m.map_or(f64::NAN, |sigma_m| sigma_m * 1e3),
+        drift_mm: snapshot.drift_m.map_or(f64::NAN, |drift_m| drift_m * 1e3),
     }
 }

@@ -1,6 +1,6 @@
 //! Snapshot of the results at one moment.
 
-use radar_mapping::{Evidence, Scene};
+use radar_mapping::{Evidence, MountInUse, Scene};
 use radar_sar::geometry::Pose;
 
 /// Snapshot of the results at one moment.
@@ -20,6 +20,10 @@ pub struct Snapshot<'a> {
     pub time_offset_s: f64,
     /// Time offset estimated from the data.
     pub estimate: Option<OffsetEstimate>,
+    /// The mount in use, with its last estimate.
+    pub mount: Option<MountInUse>,
+    /// Slow tracking error in each axis as estimated, rms, metres.
+    pub drift_m: Option<f64>,
     /// Counters since the start.
     pub counted: ResultsCounters,
 }

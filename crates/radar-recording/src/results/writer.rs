@@ -146,6 +146,8 @@ mod tests {
                 evidence_ns: None,
                 time_offset_s: 0.0,
                 estimate: None,
+                mount: None,
+                drift_m: None,
                 counted: ResultsCounters::default(),
             };
             writer.write_snapshot(&snapshot).unwrap();
