@@ -330,8 +330,13 @@ mod tests {
 
     #[test]
     fn keys_order_and_values_match_the_format() {
-        let known =
-            CalibrationReport { offset_s: 0.25, sigma_s: Some(0.5), observable: true, mount: None, drift_m: None };
+        let known = CalibrationReport {
+            offset_s: 0.25,
+            sigma_s: Some(0.5),
+            observable: true,
+            mount: None,
+            drift_m: Some(0.002),
+        };
         let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), &known).unwrap()).unwrap();
         let entry = "{\"position_m\":[1.0,0.30000000000000004,-1e-17],\
              \"covariance_m2\":[[1.0,4.0,7.0],[2.0,5.0,8.0],[3.0,6.0,9.0]],\"extent_m\":[0.3,0.4,0.5],\
@@ -345,7 +350,7 @@ mod tests {
         let expected = format!(
             "{{\n\"frame\":\"tracking\",\n\"obstacles\":[\n{entry},\n{entry}\n],\n\"walls\":[\n{wall}\n],\n\"moving\":[\n{moving}\n],\n\
              \"counters\":{{\n\"sweeps\":7\n}},\n\"time_offset_s\":0.25,\n\"time_offset_sigma_s\":0.5,\n\
-             \"time_offset_observable\":true,\n\"mount\":null\n}}\n"
+             \"time_offset_observable\":true,\n\"mount\":null,\n\"drift_m\":0.002\n}}\n"
         );
         assert_eq!(text, expected);
     }
@@ -365,7 +370,8 @@ mod tests {
                 "time_offset_s": 0.0,
                 "time_offset_sigma_s": null,
                 "time_offset_observable": false,
-                "mount": null
+                "mount": null,
+                "drift_m": null
             })
         );
     }
