@@ -4,7 +4,8 @@
 //!         [--effects=none] [--no-hands] [--no-visitor] [--gross]
 //!
 //! Seeds 0..10, world points, headsets nominal, lighthouse, inside-out and poor by default. Each seed is another room
-//! and another mount, assumed wrong by up to 8 cm and 20°; with `--gross`, by 90 or 180°. The sensor has its measured imperfections.
+//! and another mount, assumed wrong by up to 8 cm and 20°; with `--gross`, by 90 or 180°, a wrong
+//! origin, or wrong poses. The sensor has its measured imperfections.
 
 use a121::preset;
 use lab::experiments::accuracy::{gross_table, mount_table};

@@ -476,8 +476,7 @@ mod tests {
         Scene { obstacles: vec![column], ..Scene::default() }
     }
 
-    /// How bright the warning is after the wearer has stood still for four seconds, and a frame after the tracking frame has
-    /// jumped.
+    /// How bright the warning is after the wearer has stood still for four seconds, and 0.3 s after the tracking frame has jumped.
     fn brightness(jumps: u64) -> [f64; 2] {
         let jump = Pose::new(DVec3::new(0.08, -0.02, 0.06), DQuat::from_rotation_y(0.087));
         let mut placed = PlacedScene::default();

@@ -92,8 +92,10 @@ pub(super) struct RangeChanges {
     /// maximum.
     information: DMat3,
     right: DVec3,
-    /// Its value without range changes, as minus twice the log likelihood, and their number.
+    /// Its value at no direction at all, as minus twice the log likelihood, and at the likeliest unit vector, where there is one.
     squares: f64,
+    stationary_squares: Option<f64>,
+    /// Number of changes.
     count: usize,
     tracking_from_sensor: DMat3,
     middle_ns: i64,
@@ -116,43 +118,26 @@ impl RangeChanges {
         }
         let Sighting { time_ns: middle_ns, tracking_from_sensor, .. } = *averages.get(averages.len() / 2)?;
         let count = averages.len() - 1;
-        Some(Self { information, right, squares, count, tracking_from_sensor, middle_ns })
+        let squares_of = |u: DVec3| squares + u.dot(information * u) - 2.0 * u.dot(right);
+        let stationary_squares = likeliest_unit_vector(&information, right).map(squares_of);
+        Some(Self { information, right, squares, stationary_squares, count, tracking_from_sensor, middle_ns })
     }
 
     /// Whether the echo moves with the head, as that of a shoulder: its range changes by less than that of a
     /// stationary object in any direction.
     pub fn moves_with_head(&self) -> bool {
-        self.stationary_direction().is_some_and(|u| self.misfit(u) > self.misfit(DVec3::ZERO) + CLEARLY_WORSE)
+        self.stationary_squares.is_some_and(|squares| squares > self.squares + CLEARLY_WORSE)
     }
 
     /// Whether no stationary object explains the range changes.
     fn is_moving(&self) -> bool {
-        self.stationary_direction().is_none_or(|u| self.misfit(u) > MOVING * self.count as f64)
-    }
-
-    /// Minus twice the log likelihood of a direction.
-    fn misfit(&self, u: DVec3) -> f64 {
-        self.squares + u.dot(self.information * u) - 2.0 * u.dot(self.right)
-    }
-
-    /// The likeliest unit vector: (H + λ)⁻¹ H û with the λ that makes its length 1.
-    fn stationary_direction(&self) -> Option<DVec3> {
-        let (values, vectors) = eigen(&self.information);
-        let along = vectors.transpose() * self.right;
-        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-        let at = |raised: f64| DVec3::from_array(std::array::from_fn(|k| along[k] / (values[k] - least + raised)));
-        let (mut low, mut high) = (1e-9, 1e9);
-        for _ in 0..BISECTIONS {
-            let middle = f64::sqrt(low * high);
-            if at(middle).length_squared() > 1.0 { low = middle } else { high = middle }
-        }
-        (vectors * at(high)).try_normalize()
+        self.stationary_squares.is_none_or(|squares| squares > MOVING * self.count as f64)
     }
 
     /// Information on the mean direction in the sensor's axes when the poses have this mistake, with the track's own direction
     /// eliminated: (H⁻¹ + σ²)⁻¹, which is (1 + σ² H)⁻¹ H, also where H is singular.
     fn term(&self, mistake: Option<PoseMistake>) -> TrackTerm<3> {
-        let misfit = self.stationary_direction().map_or(1.0, |u| self.misfit(u) / (self.count as f64 - 2.0).max(1.0));
+        let misfit = self.stationary_squares.map_or(1.0, |squares| squares / (self.count as f64 - 2.0).max(1.0));
         let weight = 1.0 / misfit.max(1.0);
         let sensor_from_stated = sensor_from_stated(&self.tracking_from_sensor, mistake);
         let information = sensor_from_stated * self.information * sensor_from_stated.transpose() * weight;
@@ -176,6 +161,20 @@ fn sensor_from_stated(stated: &DMat3, mistake: Option<PoseMistake>) -> DMat3 {
         // Exact for a sensor along the head's axes; another mount turns all tracks nearly alike.
         Some(PoseMistake::InvertedRotations) => *stated,
     }
+}
+
+/// The likeliest unit vector for an information matrix H and H û: (H + λ)⁻¹ H û with the λ that makes its length 1.
+fn likeliest_unit_vector(information: &DMat3, right: DVec3) -> Option<DVec3> {
+    let (values, vectors) = eigen(information);
+    let along = vectors.transpose() * right;
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let at = |raised: f64| DVec3::from_array(std::array::from_fn(|k| along[k] / (values[k] - least + raised)));
+    let (mut low, mut high) = (1e-9, 1e9);
+    for _ in 0..BISECTIONS {
+        let middle = f64::sqrt(low * high);
+        if at(middle).length_squared() > 1.0 { low = middle } else { high = middle }
+    }
+    (vectors * at(high)).try_normalize()
 }
 
 fn outer(a: DVec3, b: DVec3) -> DMat3 {

@@ -18,6 +18,7 @@ use radar_simulation::{Headset, PlaySession, PlayWorld, Session, TrackingErrors}
 /// Farthest that the true mount is from the assumed one. Choice: a sensor taped anywhere to a headset's front.
 const MAX_SHIFT_M: f64 = 0.08;
 const MAX_TURN_DEG: f64 = 20.0;
+
 /// A mistake in the settings, or in where the poses come from.
 struct Mistake {
     name: &'static str,
@@ -52,6 +53,7 @@ const MISTAKES: [Mistake; 9] = [
     Mistake { name: "rotations inverted", poses: Poses::InvertedRotations, ..NONE },
     NONE,
 ];
+
 /// Times after which the estimate is read, seconds.
 const READ_S: [f64; 3] = [15.0, 30.0, 60.0];
 
