@@ -5,6 +5,7 @@ mod mount;
 mod pairs;
 mod reflector;
 mod rooms;
+mod sharpness;
 mod time_offset;
 
 pub use jumps::jumps_table;
@@ -12,6 +13,7 @@ pub use mount::{gross_table, mount_table};
 pub use pairs::{pair_calibration, pair_table, split_table};
 pub use reflector::{ErrorKind, REFLECTOR_TRIALS, ReflectorOptions, ReflectorTrial, reflector_table};
 pub use rooms::{RoomTrial, room_table};
+pub use sharpness::sharpness_table;
 pub use time_offset::{correction_in_rooms, correction_table, time_offset_table};
 
 /// A quantile of values in any order; NaN without values.
