@@ -140,7 +140,7 @@ pub(crate) struct EchoScene {
 impl EchoScene {
     /// Of a world, with all objects or without the removed one; the others' echoes are the same in both.
     pub fn of_world(world: &World, removed: bool, diffuse: &DiffuseEchoes) -> Self {
-        let there = |n: &usize| !(removed && *n == world.removable);
+        let there = |n: &usize| !(removed && Some(*n) == world.removable);
         let objects = (0..world.objects.len()).filter(there).map(|n| (n as u64, &world.objects[n].parts));
         Self::new(&world.shell.parts, objects, world.floor_reflectivity(), &Sampling::of_world(world, diffuse))
     }

@@ -145,7 +145,11 @@ impl PlaySession {
         let room = world.as_ref().map_or_else(|| self.point_room(&mut rng(0x0F00_0001)), truth_room);
         let outline = world.as_ref().map_or_else(|| Outline::of_walls(&room), |world| Outline::Plan(&world.plan));
         let end_s = self.duration_s + MARGIN_S;
-        let player = Player::new(&room, outline, end_s, &mut rng(0x0F00_0002));
+        let player_rng = &mut rng(0x0F00_0002);
+        let player = match self.world {
+            PlayWorld::Corner => Player::in_corner(outline.inner_half_m(), end_s, player_rng),
+            _ => Player::new(&room, outline, end_s, player_rng),
+        };
         let hands = self.hands.then(|| Hands::new(end_s, &mut rng(0x0F00_0003)));
         let half_m = outline.inner_half_m();
         let crossing = |gait, salt| Visitor::new(gait, &room, half_m, &player, self.duration_s, &mut rng(salt));

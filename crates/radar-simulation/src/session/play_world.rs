@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::world::Family;
 
-/// A kind of room. The three physical ones differ in how everything in them is built, so that what was
+/// A kind of room. The three furnished physical ones differ in how everything in them is built, so that what was
 /// trained or tuned on one is not measured on its like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -18,6 +18,8 @@ pub enum PlayWorld {
     Dining,
     /// Living rooms, likewise: to take figures from.
     Living,
+    /// A bare room, likewise, whose player looks about in a corner, as a guided calibration asks for.
+    Corner,
 }
 
 /// Unknown world.
@@ -27,7 +29,7 @@ pub struct PlayWorldError(pub String);
 
 impl PlayWorld {
     /// Names of all worlds.
-    pub const NAMES: [&str; 4] = ["points", "office", "dining", "living"];
+    pub const NAMES: [&str; 5] = ["points", "office", "dining", "living", "corner"];
 
     /// The world with this name.
     ///
@@ -39,6 +41,7 @@ impl PlayWorld {
             "office" => Ok(Self::Office),
             "dining" => Ok(Self::Dining),
             "living" => Ok(Self::Living),
+            "corner" => Ok(Self::Corner),
             other => Err(PlayWorldError(other.into())),
         }
     }
@@ -50,6 +53,7 @@ impl PlayWorld {
             Self::Office => Some(Family::Office),
             Self::Dining => Some(Family::Dining),
             Self::Living => Some(Family::Living),
+            Self::Corner => Some(Family::Bare),
         }
     }
 }

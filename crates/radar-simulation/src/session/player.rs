@@ -2,6 +2,8 @@
 //! looks in the direction of its steps, sometimes crouches, and sways. The body below the head
 //! keeps clear of objects.
 
+use std::f64::consts::FRAC_PI_2;
+
 use glam::{DQuat, DVec3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -32,6 +34,8 @@ const MAX_STEP_M: f64 = 1.3;
 /// happen in play.
 const LOOK_AHEAD_STEP_M: f64 = 0.25;
 const STEP_WITHOUT_LOOKING_SHARE: f64 = 0.15;
+/// Distances from the walls of who looks about in a corner, metres. Choice: a step and a half back and forth.
+const CORNER_M: (f64, f64) = (0.5, 1.2);
 
 #[derive(Debug, Clone, Copy)]
 struct Stance {
@@ -52,10 +56,25 @@ pub(super) struct Player {
 impl Player {
     pub fn new(room: &Room, outline: Outline<'_>, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
         let ground = Ground::new(room, outline);
-        let mut stances =
-            vec![Stance { from_s: 0.0, until_s: 0.3, position_m: DVec3::Y * 1.65, yaw_rad: 0.0, pitch_rad: -0.1 }];
+        Self::with_stances(DVec3::Y * 1.65, |last, rng| next_stance(last, &ground, rng), duration_s, rng)
+    }
+
+    /// Who looks about in the corner at the least x and z of a box about the origin, half of whose size is given, metres.
+    pub fn in_corner(half_m: DVec3, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let corner_m = DVec3::new(-half_m.x, 0.0, -half_m.z);
+        let start_m = corner_m + DVec3::new(1.0, 1.65, 1.0);
+        Self::with_stances(start_m, |last, rng| next_stance_in_corner(last, corner_m, rng), duration_s, rng)
+    }
+
+    fn with_stances(
+        position_m: DVec3,
+        next: impl Fn(&Stance, &mut ChaCha8Rng) -> Stance,
+        duration_s: f64,
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
+        let mut stances = vec![Stance { from_s: 0.0, until_s: 0.3, position_m, yaw_rad: 0.0, pitch_rad: -0.1 }];
         while let Some(&last) = stances.last().filter(|s| s.until_s < duration_s) {
-            stances.push(next_stance(&last, &ground, rng));
+            stances.push(next(&last, rng));
         }
         // 2 cm and about 2° of sway.
         Self { stances, sway: Wander::new(0.02, DVec3::ONE, duration_s, rng) }
@@ -127,11 +146,28 @@ fn next_stance(last: &Stance, ground: &Ground<'_>, rng: &mut ChaCha8Rng) -> Stan
         false => rng.random_range(-1.6..1.6),
     };
     let pitch_rad = rng.random_range(-0.75..0.15);
-    // On average about 0.6 m/s over the ground and 90°/s of rotation.
-    let travel_s = (way.length() / 0.6).max(turn_rad.abs() / 1.6).max(0.4) * rng.random_range(0.9..1.3);
-    let from_s = last.until_s + travel_s;
-    let until_s = from_s + rng.random_range(0.1..0.8);
-    Stance { from_s, until_s, position_m, yaw_rad: last.yaw_rad + turn_rad, pitch_rad }
+    last.then(position_m, turn_rad, pitch_rad, rng)
+}
+
+/// Somewhere before the corner, looking at one of the walls, at the edge between them, or at the floor.
+fn next_stance_in_corner(last: &Stance, corner_m: DVec3, rng: &mut ChaCha8Rng) -> Stance {
+    let mut off_m = || rng.random_range(CORNER_M.0..CORNER_M.1);
+    let off_m = DVec3::new(off_m(), 0.0, off_m());
+    let position_m = corner_m + off_m + DVec3::Y * rng.random_range(1.1..1.72);
+    // The walls are at 0° and at 90°.
+    let turn_rad = rng.random_range(-0.4..FRAC_PI_2 + 0.4) - last.yaw_rad;
+    last.then(position_m, turn_rad, rng.random_range(-1.2..0.2), rng)
+}
+
+impl Stance {
+    /// The next one: on average about 0.6 m/s over the ground and 90°/s of rotation.
+    fn then(&self, position_m: DVec3, turn_rad: f64, pitch_rad: f64, rng: &mut ChaCha8Rng) -> Self {
+        let way = position_m - self.position_m;
+        let travel_s = (way.length() / 0.6).max(turn_rad.abs() / 1.6).max(0.4) * rng.random_range(0.9..1.3);
+        let from_s = self.until_s + travel_s;
+        let until_s = from_s + rng.random_range(0.1..0.8);
+        Self { from_s, until_s, position_m, yaw_rad: self.yaw_rad + turn_rad, pitch_rad }
+    }
 }
 
 fn next_position(last: &Stance, height_m: f64, ground: &Ground<'_>, rng: &mut ChaCha8Rng) -> DVec3 {

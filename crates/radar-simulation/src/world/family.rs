@@ -19,6 +19,8 @@ pub(crate) enum Family {
     Dining,
     /// Living rooms: for figures only.
     Living,
+    /// Walls, floor and ceiling alone.
+    Bare,
 }
 
 /// A piece of furniture and where it is to stand.
@@ -78,6 +80,7 @@ impl Family {
             Self::Office => office_items(draw),
             Self::Dining => dining_items(draw),
             Self::Living => living_items(draw),
+            Self::Bare => Vec::new(),
         }
     }
 
@@ -85,7 +88,7 @@ impl Family {
     pub fn wall_hanging(self, draw: &mut Draw) -> Furniture {
         match self {
             Self::Office => whiteboard(draw.uniform(0.9, 1.4), 0.9),
-            Self::Dining => picture(draw.uniform(0.4, 0.7), draw.uniform(0.4, 0.6), 1.5, WOOD),
+            Self::Dining | Self::Bare => picture(draw.uniform(0.4, 0.7), draw.uniform(0.4, 0.6), 1.5, WOOD),
             Self::Living => picture(draw.uniform(0.7, 1.1), draw.uniform(0.5, 0.8), 1.55, METAL),
         }
     }
@@ -104,7 +107,7 @@ impl Family {
                 cover: blind,
                 cover_width_m: 1.0,
             },
-            Self::Dining => Style {
+            Self::Dining | Self::Bare => Style {
                 finish: Finish { wall: PLASTER, floor: WOOD, ceiling: PLASTER, door: WOOD },
                 width_m: (4.0, 4.8),
                 depth_m: (4.4, 5.2),

@@ -1,4 +1,4 @@
-//! What stands in a room: objects of panels, tubes and fittings, and the room's shell, in three families of worlds.
+//! What stands in a room: objects of panels, tubes and fittings, and the room's shell, in families of worlds.
 
 mod assembly;
 mod dining;
@@ -43,8 +43,8 @@ pub(crate) struct World {
     pub plan: FloorPlan,
     pub objects: Vec<WorldObject>,
     pub shell: Shell,
-    /// Index of the object that may be removed.
-    pub removable: usize,
+    /// Index of the object that may be removed; `None` in a bare room.
+    pub removable: Option<usize>,
     finish: Finish,
     /// What its random numbers come from.
     pub seed: u64,
@@ -91,8 +91,7 @@ impl World {
                 removable = Some(objects.len() - 1);
             }
         }
-        let (removable, finish) = (removable?, style.finish);
-        Some(Self { plan, objects, shell, removable, finish, seed })
+        Some(Self { plan, objects, shell, removable, finish: style.finish, seed })
     }
 
     /// Specularly reflected power of the floor.

@@ -34,6 +34,9 @@ pub(super) struct WallFittings {
 impl WallFittings {
     pub fn new(family: Family, plan: &FloorPlan, draw: &mut Draw) -> Self {
         let (walls, mut fittings) = (plan.walls(), Self::default());
+        if family == Family::Bare {
+            return fittings;
+        }
         let free = free_walls(plan, &walls, draw);
         if let Some(&index) = free.first() {
             fittings.add_door(family, index, &walls[index], draw);

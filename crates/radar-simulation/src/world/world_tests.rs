@@ -45,7 +45,7 @@ fn every_room_has_its_chairs_and_most_have_everything() {
             let world = World::new(family, seed);
             let kinds: BTreeSet<ObjectKind> = world.objects.iter().map(|object| object.kind).collect();
             assert!(kinds.contains(&ObjectKind::HardChair) && kinds.contains(&ObjectKind::SoftChair));
-            assert_eq!(world.objects[world.removable].name, REMOVABLE_CHAIR);
+            assert_eq!(world.objects[world.removable.unwrap()].name, REMOVABLE_CHAIR);
             let at_wall = world.objects.iter().find(|object| object.name == CHAIR_AT_WALL).unwrap();
             let nearest_m = at_wall.points_m.iter().map(|p| world.plan.clearance_m(*p)).fold(f64::INFINITY, f64::min);
             assert!((0.005..0.4).contains(&nearest_m), "{family:?} {seed}: {nearest_m}");
@@ -96,12 +96,12 @@ fn same_seed_gives_the_same_world_and_echoes() {
 fn removed_object_takes_its_echoes_and_leaves_the_others() {
     for seed in 0..8 {
         let world = World::new(Family::Office, seed);
-        let place = world.objects[world.removable].points_m[0];
+        let place = world.objects[world.removable.unwrap()].points_m[0];
         let pose = Pose::looking_at(DVec3::Y * 1.6, place, DVec3::Y);
         let [before, after] = [false, true].map(|removed| of_world(&world, removed));
         let nobody = MovingBodies::default();
         let paths = |scene: &EchoScene| scene.paths(&[pose; 3], &nobody, &Beam::Lensless, 1e-4, 4.0);
-        let alone = before.alone(&world, world.removable, &DiffuseEchoes::default());
+        let alone = before.alone(&world, world.removable.unwrap(), &DiffuseEchoes::default());
         let own = alone.direct_paths_seen(&alone.visibility(&pose, &Beam::Lensless, 1e-4, 4.0), &[pose; 3], &nobody);
         let (with, without) = (paths(&before), paths(&after));
         assert!(own.len() > 5 && own.iter().all(|path| with.contains(path)), "seed {seed}");

@@ -62,7 +62,10 @@ const ESTIMATE_S: f64 = 5.0;
 
 /// The estimate in one room after one of [`READ_S`].
 struct Read {
+    /// Along the head's axes.
     error_m: DVec3,
+    /// Whether the motion made the position along each observable.
+    observed: [bool; 3],
     /// Squared error in units of the stated covariance.
     squared: f64,
     /// By how much the direction is wrong where it counts as observed, rad.
@@ -96,6 +99,7 @@ pub fn mount_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Head
         "headset",
         "after (s)",
         "rooms",
+        "axes (%)",
         "mount (mm)",
         "90 % (mm)",
         "NEES",
@@ -107,7 +111,8 @@ pub fn mount_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Head
         "wrong by (°)",
         "90 % (°)",
     ];
-    let caption = "mount: error in each axis, median. NEES: squared error in units of the stated covariance, 3 on \
+    let caption = "axes: share of the head's axes along which the sensor's position counts as observed (1σ of 1 cm or \
+        better). mount: error along these, median. NEES: squared error in units of the stated covariance, 3 on \
         average when it is honest, median. offset: error of the time offset. off by 3σ: share of the time offsets that \
         count as observed. drift: slow tracking error as estimated, median. direction: share of the rooms in which the \
         direction counts as observed, and the angle by which it is wrong there, median.";
@@ -115,8 +120,9 @@ pub fn mount_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Head
 }
 
 fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> {
-    let mut errors_mm: Vec<f64> =
-        reads.iter().flat_map(|read| read.error_m.abs().to_array()).map(|m| m * 1e3).collect();
+    let axes = reads.iter().flat_map(|read| read.observed.into_iter().zip(read.error_m.to_array()));
+    let mut errors_mm: Vec<f64> = axes.filter(|axis| axis.0).map(|axis| axis.1.abs() * 1e3).collect();
+    let observed_axes = errors_mm.len() as f64 / (3 * reads.len()).max(1) as f64;
     let mut squared: Vec<f64> = reads.iter().map(|read| read.squared).collect();
     let mut offsets_ms: Vec<f64> = reads.iter().map(|read| read.found.time_offset.offset_s.abs() * 1e3).collect();
     let mut drifts_mm: Vec<f64> = reads.iter().map(|read| read.found.drift_m * 1e3).collect();
@@ -128,6 +134,7 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
         headset.to_lowercase(),
         format!("{time_s}"),
         reads.len().to_string(),
+        format!("{:.0}", 100.0 * observed_axes),
         format!("{:.1}", quantile(&mut errors_mm, 0.5)),
         format!("{:.1}", quantile(&mut errors_mm, 0.9)),
         format!("{:.1}", quantile(&mut squared, 0.5)),
@@ -176,13 +183,15 @@ fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose, poses: Poses) ->
         let found = calibration.estimate();
         if let Some(n) = READ_S.iter().position(|read_s| (read_s - next_s).abs() < 1e-6) {
             reads[n] = found.map(|found| {
-                let error_m = found.mount_shift_m - off.translation;
+                let shift_error_m = found.mount_shift_m - off.translation;
                 let directions = calibration.echo_directions(&session.play().beam);
                 let truth = off.rotation * DVec3::NEG_Z;
-                let observed = directions.boresight.filter(|found| found.observable);
-                let boresight_off_rad = observed.map(|found| found.direction.angle_between(truth));
-                let squared = error_m.dot(found.mount_covariance_m2.inverse() * error_m);
-                Read { error_m, squared, boresight_off_rad, directions, found }
+                let boresight = directions.boresight.filter(|found| found.observable);
+                let boresight_off_rad = boresight.map(|found| found.direction.angle_between(truth));
+                let squared = shift_error_m.dot(found.mount_covariance_m2.inverse() * shift_error_m);
+                let observed = MountEstimate::new(assumed, &found, &directions).observed;
+                let error_m = assumed.transform_vector(shift_error_m);
+                Read { error_m, observed, squared, boresight_off_rad, directions, found }
             });
         }
         next_s += ESTIMATE_S;
