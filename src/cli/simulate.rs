@@ -64,7 +64,7 @@ pub(super) struct Simulate {
     #[arg(long, allow_hyphen_values = true)]
     time_offset_s: Option<f64>,
     /// Kind of the play-room: points (scatterers and smooth walls), or with surfaces, multipath and
-    /// shadows: office, dining, living; default: points
+    /// shadows: office, dining, living; corner: a bare room; default: points
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(PlayWorld::NAMES))]
     world: Option<String>,
     /// How well the headset is tracked

@@ -61,7 +61,7 @@ impl RecordingInfo {
             head_from_sensor: settings.tracking.mount.unwrap_or(header.head_from_sensor),
             beam_rad: min_cos.clamp(-1.0, 1.0).acos(),
             ranges_m: [ranges_m[0].min(ranges_m[1]), ranges_m[1]],
-            subsweeps: header.config.subsweeps.len().max(1),
+            subsweeps: header.config.subsweeps.iter().filter(|subsweep| subsweep.hears_echoes()).count().max(1),
             sweeps_per_s: f64::from(header.config.sweeps_per_frame) / frame_timing(&header.config).frame_period_s,
             search,
             confirm_score: settings.rooms.tracks.confirm_score,
@@ -119,7 +119,8 @@ impl RecordingInfo {
 }
 
 fn ranges_m(config: &SensorConfig) -> [f64; 2] {
-    let axes: Vec<RangeAxis> = config.subsweeps.iter().map(radar_mapping::range_axis).collect();
+    let axes: Vec<RangeAxis> =
+        config.subsweeps.iter().filter(|subsweep| subsweep.hears_echoes()).map(radar_mapping::range_axis).collect();
     let first = axes.iter().map(|axis| axis.first_m).fold(f64::INFINITY, f64::min);
     let last = axes.iter().map(RangeAxis::last_m).fold(0.0, f64::max);
     [first.min(last).max(0.0), last]

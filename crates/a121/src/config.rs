@@ -81,6 +81,11 @@ impl Subsweep {
     pub fn last_m(&self) -> f64 {
         self.first_m() + f64::from(self.num_points.saturating_sub(1)) * self.step_m()
     }
+
+    /// Whether echoes reach the receiver: the transmitter is on, and not looped back.
+    pub fn hears_echoes(&self) -> bool {
+        self.enable_tx && !self.enable_loopback
+    }
 }
 
 /// A sensor's configuration. Check it with [`SensorConfig::validate`] before use.

@@ -63,6 +63,7 @@ mod evidence;
 mod existence;
 mod hands;
 mod history;
+mod loopback;
 mod mapper;
 mod mount_control;
 mod mount_estimate;

@@ -386,6 +386,11 @@ impl Mapper {
         self.calibration.drift_m()
     }
 
+    /// See [`Observer::range_bias_m`].
+    pub fn range_bias_m(&self) -> Option<Vec<f64>> {
+        self.observer.range_bias_m()
+    }
+
     /// The mount in use, and its last estimate.
     pub fn mount(&self) -> MountInUse {
         self.calibration.mount()

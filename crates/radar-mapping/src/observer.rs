@@ -15,12 +15,13 @@ use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
 
+use super::loopback::{loopback_peak_m, range_bias_m};
 use super::timestamps::{TimestampFilter, TimestampVerdict};
 use super::{Event, Refusal, in_time_order, range_axis};
-use a121::{Frame, FrameLayout, SensorConfig, Sweep};
+use a121::{Frame, FrameLayout, SensorConfig, Subsweep, Sweep};
 use radar_sar::geometry::Pose;
 use radar_sar::{FollowedJump, HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
-use radar_sar::{Observation, SweepGeometry};
+use radar_sar::{Observation, RangeAxis, SweepGeometry};
 
 /// Most frames that wait for poses. Choice: half a second of the fastest ones.
 const MAX_WAITING_FRAMES: usize = 256;
@@ -102,7 +103,11 @@ pub struct Observer {
     /// The mount of the beginning, which the path is that of.
     assumed_mount: Pose,
     layout: FrameLayout,
-    geometries: Vec<Arc<SweepGeometry>>,
+    config: SensorConfig,
+    /// Of each subsweep; `None` for those that hear no echoes.
+    geometries: Vec<Option<Arc<SweepGeometry>>>,
+    /// Where the peak of the loopback is, as the first frame has it, metres.
+    loopback_m: Option<f64>,
     history: PoseHistory,
     waiting: VecDeque<Frame>,
     ready: Vec<Observation>,
@@ -117,18 +122,11 @@ impl Observer {
     /// For frames of a valid configuration.
     pub fn new(config: &SensorConfig, settings: ObserverSettings) -> Self {
         let layout = FrameLayout::of(config);
-        let geometries = config.subsweeps.iter().zip(&layout.timing().subsweeps).enumerate();
-        let geometries = geometries.map(|(index, (subsweep, &(_, point_period_s)))| {
-            Arc::new(SweepGeometry {
-                subsweep: index,
-                axis: range_axis(subsweep),
-                pulse_fwhm_m: subsweep.profile.envelope_fwhm_m(),
-                point_period_s,
-            })
-        });
         Self {
-            geometries: geometries.collect(),
+            geometries: geometries(config, &layout, None),
             layout,
+            config: config.clone(),
+            loopback_m: None,
             history: PoseHistory::new(settings.history),
             assumed_mount: settings.head_from_sensor,
             settings,
@@ -290,6 +288,7 @@ impl Observer {
             self.counters.frames_saturated += 1;
             return Err(Refusal::FrameSaturated(frame.host_time_ns));
         }
+        self.measure_loopback(&frame);
         self.waiting.push_back(frame);
         if self.waiting.len() > MAX_WAITING_FRAMES
             && let Some(oldest) = self.waiting.pop_front()
@@ -297,6 +296,21 @@ impl Observer {
             self.observe(&oldest);
         }
         Ok(())
+    }
+
+    /// Corrects the ranges by the first loopback, before any observation has them.
+    fn measure_loopback(&mut self, frame: &Frame) {
+        if self.loopback_m.is_none() && self.counters.observations == 0 {
+            self.loopback_m = loopback_peak_m(&self.config, &self.layout, frame);
+            self.geometries = geometries(&self.config, &self.layout, self.loopback_m);
+        }
+    }
+
+    /// Measured minus true range of each subsweep, metres, by which the ranges are corrected; `None` while no loopback was
+    /// recorded.
+    pub fn range_bias_m(&self) -> Option<Vec<f64>> {
+        let peak_m = self.loopback_m?;
+        Some(self.config.subsweeps.iter().map(|subsweep| range_bias_m(peak_m, subsweep)).collect())
     }
 
     /// Observations of all frames whose poses are complete.
@@ -337,7 +351,7 @@ impl Observer {
         let offset_ns = self.offset_ns();
         if let Some(sweeps) = self.layout.sweeps(frame) {
             for sweep in sweeps {
-                let geometry = &self.geometries[sweep.subsweep];
+                let Some(geometry) = &self.geometries[sweep.subsweep] else { continue };
                 match observe_sweep(&sweep, geometry, &self.history, offset_ns, &self.settings.head_from_sensor) {
                     Ok(observation) => self.ready.push(observation),
                     Err(NoPose::Outside) => self.counters.sweeps_outside_poses += 1,
@@ -352,6 +366,22 @@ impl Observer {
         let keep_ns = (self.keep_s * 1e9) as i64;
         self.history.remove_before(frame.host_time_ns.saturating_add(offset_ns).saturating_sub(keep_ns));
     }
+}
+
+/// Geometry of each subsweep that hears echoes, its ranges corrected by the loopback, whose peak is given in metres.
+fn geometries(config: &SensorConfig, layout: &FrameLayout, loopback_m: Option<f64>) -> Vec<Option<Arc<SweepGeometry>>> {
+    let of = |(index, (subsweep, &(_, point_period_s))): (usize, (&Subsweep, &(f64, f64)))| {
+        let bias_m = loopback_m.map_or(0.0, |peak_m| range_bias_m(peak_m, subsweep));
+        let axis = range_axis(subsweep);
+        let geometry = || SweepGeometry {
+            subsweep: index,
+            axis: RangeAxis { first_m: axis.first_m - bias_m, ..axis },
+            pulse_fwhm_m: subsweep.profile.envelope_fwhm_m(),
+            point_period_s,
+        };
+        subsweep.hears_echoes().then(|| Arc::new(geometry()))
+    };
+    config.subsweeps.iter().zip(&layout.timing().subsweeps).enumerate().map(of).collect()
 }
 
 /// All observations of complete streams, in rising time and in the tracking frame of the first pose, with the counters.

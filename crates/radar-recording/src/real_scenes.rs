@@ -102,7 +102,8 @@ fn mapped(name: &str, imported: &Imported, mode: Mode) -> Mapped {
     let scene = mapper.scene();
     count(&scene);
     let streams = mapper.counters().streams;
-    let sweeps = u64::from(header.config.sweeps_per_frame) * header.config.subsweeps.len() as u64;
+    let hearing = header.config.subsweeps.iter().filter(|subsweep| subsweep.hears_echoes()).count();
+    let sweeps = u64::from(header.config.sweeps_per_frame) * hearing as u64;
     assert_eq!(streams.observations, streams.frames * sweeps, "{name}: a sweep has no pose");
     let ranges_m = scene.obstacles.iter().map(|obstacle| obstacle.position_m.length()).collect();
     Mapped { kind: mapper.kind(), ranges_m, moving }

@@ -340,7 +340,12 @@ fn subsweep_text(subsweep: &Subsweep) -> String {
         subsweep.hwaas,
         subsweep.receiver_gain,
         subsweep.prf.hz() / 1e6,
-        if subsweep.phase_enhancement { "" } else { ", phase enhancement OFF (imaging needs it)" }
+        match (subsweep.hears_echoes(), subsweep.phase_enhancement) {
+            (false, _) if subsweep.enable_loopback => ", loopback: hears no echoes",
+            (false, _) => ", transmitter off: hears no echoes",
+            (true, false) => ", phase enhancement OFF (imaging needs it)",
+            (true, true) => "",
+        }
     )
 }
 

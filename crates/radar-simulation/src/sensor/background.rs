@@ -57,13 +57,15 @@ impl Module {
     }
 
     /// Bias of the range, metres: measured range minus true range. Source: the vendor's offset
-    /// compensation, slope · loopback peak + constant, of profiles 1 and 3; profile 2 is between
-    /// them, profiles 4 and 5 are taken as 3.
+    /// compensation at room temperature, slope · loopback peak + constant (acconeer-python-exploration,
+    /// `get_distance_offset`).
     pub fn range_bias_m(&self, profile: Profile) -> f64 {
         let (slope, constant) = match profile {
             Profile::P1 => (0.919, 0.0178),
-            Profile::P2 => (0.885, 0.0163),
-            Profile::P3 | Profile::P4 | Profile::P5 => (0.850, 0.0148),
+            Profile::P2 => (0.595, 0.0193),
+            Profile::P3 => (0.850, 0.0148),
+            Profile::P4 => (1.003, 0.0231),
+            Profile::P5 => (0.982, 0.0079),
         };
         slope * self.loopback_m + constant
     }

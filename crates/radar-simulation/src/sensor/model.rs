@@ -74,8 +74,7 @@ impl SensorModel {
 
     /// Whether echoes reach the receiver in this subsweep.
     pub fn hears_echoes(&self, subsweep: usize) -> bool {
-        let subsweep = &self.subsweeps[subsweep].subsweep;
-        subsweep.enable_tx && !subsweep.enable_loopback
+        self.subsweeps[subsweep].subsweep.hears_echoes()
     }
 
     /// A frame that starts at a time after the start, seconds.

@@ -136,7 +136,7 @@ impl<'r> RecordedSubsweep<'r> {
         if whole.count() < MIN_FRAMES || (config.sweeps_per_frame as usize) < MIN_SWEEPS {
             return Vec::new();
         }
-        let hears = config.subsweeps.iter().enumerate().filter(|(_, s)| s.enable_tx && !s.enable_loopback);
+        let hears = config.subsweeps.iter().enumerate().filter(|(_, s)| s.hears_echoes());
         hears.map(|(index, _)| Self::new(config, index, frames)).collect()
     }
 

@@ -261,6 +261,11 @@ impl Session {
         &self.play
     }
 
+    /// Measured minus true range of a subsweep, metres.
+    pub fn range_bias_m(&self, subsweep: usize) -> f64 {
+        self.sensor.range_bias_m(subsweep)
+    }
+
     /// Host time of a time in the session, nanoseconds.
     pub fn host_ns(time_s: f64) -> i64 {
         host_ns(time_s)
