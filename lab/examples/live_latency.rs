@@ -1,7 +1,7 @@
-//! Latency of the reconstruction next to a frame loop, in real time, for any length, pose rate and
-//! number of threads. The documented table is `lab results speed`.
+//! Latency of the reconstruction next to a frame loop, in real time, for any length, pose rate,
+//! error of the poses' stamps and number of threads. The documented table is `lab results speed`.
 //!
-//!     cargo run --release -p lab --example live_latency -- [SECONDS] [SEED] [POSES_HZ] [THREADS]
+//!     cargo run --release -p lab --example live_latency -- [SECONDS] [SEED] [POSES_HZ] [STAMPS_MS] [THREADS]
 
 use lab::experiments::LiveLatency;
 
@@ -13,7 +13,8 @@ fn main() {
         duration_s: argument(0, default.duration_s),
         seed: argument(1, default.seed as f64) as u64,
         poses_hz: argument(2, default.poses_hz),
-        threads: arguments.get(3).map(|threads| *threads as usize),
+        stamp_s: argument(3, 0.0) * 1e-3,
+        threads: arguments.get(4).map(|threads| *threads as usize),
     };
     let table = session.table();
     println!("{}\n{}", table.aligned(), table.caption);

@@ -6,7 +6,8 @@
 
 use a121::preset;
 use lab::experiments::accuracy::sharpness_table;
-use radar_simulation::{Headset, PlaySession, SensorEffects, TrackingErrors};
+use lab::results::wandering;
+use radar_simulation::{PlaySession, SensorEffects};
 
 fn main() {
     let seeds = std::env::args().nth(1).map_or(0..4, |argument| {
@@ -21,21 +22,6 @@ fn main() {
         visitor: false,
         ..PlaySession::new(config, 0)
     };
-    let wander = TrackingErrors { wander_m: 3e-3, ..TrackingErrors::default() };
-    let stamps = TrackingErrors { stamp_s: 1e-3, ..TrackingErrors::default() };
-    let kinds = [
-        ("none", TrackingErrors::none()),
-        ("nominal", TrackingErrors::default()),
-        ("wander 3 mm", wander),
-        ("stamps 1 ms", stamps),
-        (
-            "wander 3 mm, jumps 5 mm, stamps 1 ms",
-            TrackingErrors { jumps_per_minute: 7.5, jump_m: 5e-3, stamp_s: 1e-3, ..wander },
-        ),
-        ("lighthouse", Headset::Lighthouse.errors()),
-        ("inside-out", Headset::InsideOut.errors()),
-        ("poor", Headset::Poor.errors()),
-    ];
-    let table = sharpness_table(&session, &kinds, &seeds);
+    let table = sharpness_table(&session, &wandering(), &seeds);
     println!("{}\n{}", table.aligned(), table.caption);
 }

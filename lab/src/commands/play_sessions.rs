@@ -59,7 +59,7 @@ pub struct PlaySessions {
     #[arg(long, default_value_t = 2.0)]
     mount_mm: f64,
     /// Kind of room: points (scatterers and smooth walls), or with surfaces, multipath and shadows:
-    /// office, dining, living
+    /// office, dining, living; corner: a bare room
     #[arg(long, default_value = "points", value_parser = clap::builder::PossibleValuesParser::new(PlayWorld::NAMES))]
     world: String,
     /// How well the headset is tracked; several play the same sessions

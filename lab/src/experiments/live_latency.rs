@@ -30,13 +30,15 @@ pub struct LiveLatency {
     pub seed: u64,
     /// Poses per second.
     pub poses_hz: f64,
+    /// Error of the poses' stamps, seconds rms.
+    pub stamp_s: f64,
     /// Threads of the reconstruction; `None`: as the program chooses.
     pub threads: Option<usize>,
 }
 
 impl Default for LiveLatency {
     fn default() -> Self {
-        Self { duration_s: 30.0, seed: 1, poses_hz: DISPLAY_HZ, threads: None }
+        Self { duration_s: 30.0, seed: 1, poses_hz: DISPLAY_HZ, stamp_s: 0.0, threads: None }
     }
 }
 
@@ -49,6 +51,7 @@ impl LiveLatency {
         let config = preset("d16").expect("a preset");
         let mut scenario = Scenario::new("furnished-room", "natural", config, self.duration_s, self.seed);
         scenario.errors.rate_hz = self.poses_hz;
+        scenario.errors.stamp_s = self.stamp_s;
         let simulated = scenario.run().expect("the scene exists");
         let options = ReconstructionOptions { threads: self.threads, ..Default::default() };
         let settings = Settings::default();

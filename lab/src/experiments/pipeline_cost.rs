@@ -3,8 +3,8 @@
 //!
 //! Each stage is timed by itself, in CPU time of all threads (Linux; elsewhere wall time): joining
 //! the streams; sub-apertures (range compression and tables); the score field at 5 cm and 2.5 cm;
-//! planes; the time-offset estimate once a second; the fine field of 1 cm wherever the mapper opens
-//! it, updated four times a second; and the whole mapper, with and without the time-offset estimate.
+//! planes; the estimates of time offset and mount once a second; the fine field of 1 cm wherever the mapper opens
+//! it, updated four times a second; and the whole mapper, with and without the estimates.
 //! What the mapper takes beyond these stages are the map updates. In the mapper most fine bricks are
 //! never read and so never computed.
 
@@ -97,15 +97,15 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs
     });
     costs.add("planes", planes_s, String::new());
     let (offset_s, _) = timed(|| time_offset(&observations, &path, settings));
-    costs.add("time offset, estimated once a second", offset_s, String::new());
+    costs.add("time offset and mount, estimated once a second", offset_s, String::new());
     fine(&observations, &subapertures, settings, costs);
 }
 
 fn pipelines(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs: &mut Costs) {
     let mut as_set = settings.clone();
-    as_set.tracking.estimate_time_offset = false;
+    (as_set.tracking.estimate_time_offset, as_set.tracking.estimate_mount) = (false, false);
     let (whole_s, _) = timed(|| whole(scenario, simulated, &as_set));
-    costs.add("the whole mapper, time offset as set", whole_s, String::new());
+    costs.add("the whole mapper, time offset and mount as set", whole_s, String::new());
     let (whole_s, counters) = timed(|| whole(scenario, simulated, settings));
     let rooms = counters.engine.rooms;
     let work = format!("{} sub-apertures, {} map updates", rooms.blocks, rooms.looks);

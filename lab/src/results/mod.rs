@@ -15,6 +15,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use radar_simulation::RecordedSensor;
 
+pub use calibration::{jumping, wandering};
 pub use page::Page;
 pub use pages::benchmark_page;
 pub use play::{PlayOutcome, curve_chart, curve_page_body, curve_table, played};
@@ -108,7 +109,7 @@ pub const PAGES: [ResultsPage; 10] = [
     },
     ResultsPage {
         name: "calibration",
-        about: "mount and time offset from play, and play with a wrong mount",
+        about: "mount, time offset, mistakes, jumps and drift from play, and what they cost",
         is_timed: false,
         make: |measuring| calibration::calibration(measuring.extent),
     },
