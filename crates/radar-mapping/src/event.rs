@@ -1,5 +1,7 @@
 //! Inputs of the mapper, and how separate streams become one in order of time.
 
+use std::collections::VecDeque;
+
 use a121::Frame;
 use glam::DVec3;
 use radar_sar::PoseSample;
@@ -35,17 +37,47 @@ impl Event {
 }
 
 /// Frames and poses as one stream in order of time, a pose before a frame of the same time. Each
-/// stream keeps its own order even if its times run backwards.
+/// stream keeps its own order even if its times run backwards. A single time that leaps ahead does not hold back what follows it.
 pub fn in_time_order(
     frames: impl IntoIterator<Item = Frame>,
     poses: impl IntoIterator<Item = PoseSample>,
 ) -> impl Iterator<Item = Event> {
-    let (mut frames, mut poses) = (frames.into_iter().peekable(), poses.into_iter().peekable());
+    let mut frames = Sequence::new(frames.into_iter(), |frame: &Frame| frame.host_time_ns);
+    let mut poses = Sequence::new(poses.into_iter(), |pose: &PoseSample| pose.time_ns);
     std::iter::from_fn(move || {
-        let next_frame_ns = frames.peek().map(|frame| frame.host_time_ns);
-        let is_due = |pose: &PoseSample| next_frame_ns.is_none_or(|frame_ns| pose.time_ns <= frame_ns);
-        poses.next_if(is_due).map(Event::Pose).or_else(|| frames.next().map(Event::Frame))
+        let pose_is_due = match (poses.due_ns(), frames.due_ns()) {
+            (Some(pose_ns), Some(frame_ns)) => pose_ns <= frame_ns,
+            (pose_ns, _) => pose_ns.is_some(),
+        };
+        if pose_is_due { poses.take().map(Event::Pose) } else { frames.take().map(Event::Frame) }
     })
+}
+
+/// How far a sequence is looked ahead. Choice: more wrong times in a row than a lossy line gives.
+const LOOK_AHEAD: usize = 16;
+
+/// One stream in its own order, with what comes next.
+struct Sequence<I: Iterator> {
+    rest: I,
+    next: VecDeque<I::Item>,
+    time_ns: fn(&I::Item) -> i64,
+}
+
+impl<I: Iterator> Sequence<I> {
+    fn new(rest: I, time_ns: fn(&I::Item) -> i64) -> Self {
+        Self { rest, next: VecDeque::new(), time_ns }
+    }
+
+    /// When the next item is due: at its time, or as soon as something that follows it.
+    fn due_ns(&mut self) -> Option<i64> {
+        let missing = LOOK_AHEAD.saturating_sub(self.next.len());
+        self.next.extend(self.rest.by_ref().take(missing));
+        self.next.iter().map(self.time_ns).min()
+    }
+
+    fn take(&mut self) -> Option<I::Item> {
+        self.next.pop_front()
+    }
 }
 
 #[cfg(test)]
@@ -72,5 +104,18 @@ mod tests {
         let order: Vec<(bool, i64)> = events.map(|event| (matches!(event, Event::Frame(_)), event.time_ns())).collect();
         let expected = [(true, 1), (false, 2), (false, 3), (true, 3), (false, 4), (true, 9)];
         assert_eq!(order, expected);
+        // Times that leap ahead, or back.
+        for wrong in [1_000, -1_000, i64::MAX, i64::MIN] {
+            for of_pose in [true, false] {
+                let leap = |n: i64, leaps: bool| if leaps && n == 20 { wrong } else { 10 * n };
+                let frames = (0..100).map(|n| frame(leap(n, !of_pose)));
+                let poses: Vec<PoseSample> = (0..100).map(|n| pose(leap(n, of_pose))).collect();
+                let events: Vec<Event> = in_time_order(frames, poses).collect();
+                assert_eq!(events.len(), 200);
+                for (at, event) in events.iter().enumerate().filter(|(_, event)| event.time_ns() != wrong) {
+                    assert!((event.time_ns() / 10 - at as i64 / 2).abs() <= 16, "{wrong}: {at} is {}", event.time_ns());
+                }
+            }
+        }
     }
 }

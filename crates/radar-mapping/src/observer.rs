@@ -580,6 +580,33 @@ mod tests {
     }
 
     #[test]
+    fn single_wrong_time_costs_what_it_belongs_to_alone() {
+        let settings = || ObserverSettings {
+            history: HistorySettings::default(),
+            head_from_sensor: Pose::IDENTITY,
+            time_offset_s: 0.0,
+        };
+        let frames: Vec<Frame> = (10..190).map(|i| frame(i * 20 * MS)).collect();
+        let poses: Vec<PoseSample> = (0..480).map(|i| PoseSample::valid(i * 8 * MS, &Pose::IDENTITY)).collect();
+        let config = preset("fine").unwrap();
+        let (sound, _) = observe_all(&config, settings(), &frames, &poses);
+        let per_frame = sound.len() / frames.len();
+        for leap_ns in [30_000 * MS, -30_000 * MS, 400 * MS] {
+            let mut poses = poses.clone();
+            poses[200].time_ns += leap_ns;
+            let (found, _) = observe_all(&config, settings(), &frames, &poses);
+            // Sweeps whose poses are the wrong one's neighbours may be lost, or those until the times rise again.
+            let most_lost = if leap_ns == 400 * MS { 25 } else { 2 };
+            assert!(
+                found.len() + most_lost * per_frame >= sound.len(),
+                "{leap_ns}: {} of {}",
+                found.len(),
+                sound.len()
+            );
+        }
+    }
+
+    #[test]
     fn waiting_frames_are_bounded_and_counted() {
         let mut observer = observer(Pose::IDENTITY, 0.0);
         for i in 0..1000 {
