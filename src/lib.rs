@@ -11,7 +11,7 @@
 macro_rules! outln {
     ($($text:tt)*) => {{
         use std::io::Write;
-        match writeln!(std::io::stdout(), $($text)*) {
+        match writeln!(std::io::stdout(), "{}", $crate::app::printable(&format!($($text)*))) {
             Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
                 Err(anyhow::Error::new(error).context("cannot write to standard output"))
             }

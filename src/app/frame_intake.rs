@@ -10,6 +10,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use indicatif::ProgressBar;
 use radar_sar::geometry::Pose;
 
+use super::board_messages::BoardMessages;
 use super::board_report::{config_table, counter_lines, line_speed, verdict};
 use super::progress;
 use super::record_file::RecordFile;
@@ -82,6 +83,7 @@ pub struct FrameIntake<'a> {
     info: Option<SystemInfo>,
     frames: u64,
     losses: FrameLossCounter,
+    messages: BoardMessages,
     first_frame: Option<Instant>,
     progress: ProgressBar,
 }
@@ -100,8 +102,19 @@ impl<'a> FrameIntake<'a> {
     pub fn new(sensor: &'a ChosenSensor, file: Option<RecordFile>, on_frame: &'a dyn Fn(&Frame)) -> Self {
         let progress = progress::spinner("waiting for the board");
         let losses = FrameLossCounter::default();
-        let is_connected = None;
-        Self { sensor, file, on_frame, is_connected, info: None, frames: 0, losses, first_frame: None, progress }
+        let messages = BoardMessages::default();
+        Self {
+            sensor,
+            file,
+            on_frame,
+            is_connected: None,
+            info: None,
+            frames: 0,
+            losses,
+            messages,
+            first_frame: None,
+            progress,
+        }
     }
 
     /// Publishes from now on whether the board is connected: a stream outlives an unplugged board.
@@ -217,10 +230,9 @@ impl<'a> FrameIntake<'a> {
         self.progress.suspend(|| log::warn!("{text}"));
     }
 
-    fn log_board_line(&self, line: &LogLine) {
-        let is_grave = ["error", "warning", "ERROR", "WARNING"].contains(&line.level.as_str());
-        let level = if is_grave { log::Level::Warn } else { log::Level::Debug };
-        self.progress.suspend(|| log::log!(level, "message of the board ({}): {}", line.module, line.text));
+    fn log_board_line(&mut self, line: &LogLine) {
+        let shown = self.messages.take(line, Instant::now());
+        self.progress.suspend(|| shown.iter().for_each(|(level, text)| log::log!(*level, "{text}")));
     }
 
     fn show_progress(&self, stream: &SensorStream, more: &str) {

@@ -2,6 +2,7 @@
 //! sensor's threads, the reconstruction's thread, the frame loop, the dashboard, the settings file,
 //! the saved map, the desktop view and the recording.
 
+mod board_messages;
 mod board_report;
 mod core_wait;
 mod event_merger;
@@ -15,6 +16,7 @@ mod latency;
 mod latency_tracker;
 mod mount_memory;
 mod pose_tail;
+mod printable;
 mod priority;
 pub mod progress;
 mod queue;
@@ -46,6 +48,7 @@ pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
 pub use mount_memory::{correction_text, known_mounts};
 pub use pose_tail::{PoseTail, PoseTailCounters};
+pub use printable::printable;
 pub use priority::lower_priority_of_this_thread;
 pub use queue::{Dropped, Received};
 pub use reconstruction::{

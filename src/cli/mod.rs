@@ -30,6 +30,8 @@ use clap::{Parser, Subcommand};
 
 use radar_sar::{INSTRUCTIONS_VARIABLE, InstructionSet};
 
+use crate::app::printable;
+
 /// Sees the room around a VR headset with a 60 GHz radar and warns of obstacles.
 ///
 /// No hardware is needed to try it: `radar-chaperone demo` simulates a sensor on a headset in a
@@ -85,7 +87,12 @@ fn error_text(error: &anyhow::Error) -> String {
 
 /// Runs the program; prints errors with their causes to standard error.
 pub fn run() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).format_timestamp(None).init();
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn"))
+        .format(|out, record| {
+            let text = printable(&record.args().to_string());
+            writeln!(out, "[{:<5} {}] {text}", record.level(), record.target())
+        })
+        .init();
     let arguments = Arguments::parse();
     let done = InstructionSet::limit()
         .with_context(|| format!("{INSTRUCTIONS_VARIABLE} in the environment"))
@@ -94,7 +101,7 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // If nobody reads it, the exit code still reports the failure.
-            let _ = writeln!(std::io::stderr(), "error: {}", error_text(&error));
+            let _ = writeln!(std::io::stderr(), "error: {}", printable(&error_text(&error)));
             ExitCode::FAILURE
         }
     }
