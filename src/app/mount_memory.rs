@@ -1,17 +1,14 @@
 //! Where the sensor sits on each headset, kept from one session to the next.
 
 use std::collections::BTreeMap;
-use std::io::{ErrorKind, Read};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use radar_mapping::MountInUse;
 
 use super::folders::user_folder;
-use crate::report::write_atomically;
-
-/// Longest file that is read, bytes. Choice: an entry has less than a kilobyte.
-const MAX_BYTES: u64 = 1 << 20;
+use radar_recording::{Readers, read_small_text, write_whole};
 
 /// The file of all headsets, and the one in use.
 #[derive(Debug, Clone)]
@@ -44,7 +41,8 @@ impl MountMemory {
         let mut kept = read(&self.file).unwrap_or_default();
         kept.insert(self.headset.clone(), *mount);
         let text = serde_json::to_string_pretty(&kept)?;
-        Ok(write_atomically(&self.file, (text + "\n").as_bytes())?)
+        write_whole(&self.file, (text + "\n").as_bytes(), Readers::Owner)
+            .with_context(|| format!("cannot write {}", self.file.display()))
     }
 }
 
@@ -62,12 +60,10 @@ fn file_in(folder: &Path) -> PathBuf {
 
 fn read(path: &Path) -> Result<BTreeMap<String, MountInUse>> {
     let about = || format!("cannot read {}", path.display());
-    let file = match std::fs::File::open(path) {
+    let text = match read_small_text(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(BTreeMap::new()),
-        file => file.with_context(about)?,
+        text => text.with_context(about)?,
     };
-    let mut text = String::new();
-    file.take(MAX_BYTES).read_to_string(&mut text).with_context(about)?;
     serde_json::from_str(&text).with_context(about)
 }
 

@@ -97,7 +97,7 @@ impl RecordFile {
         match &self.sensor {
             None => {
                 let header = Header { sensor: sensor.clone(), ..Header::new(source, config.clone(), mount) };
-                self.writer = Some(RecordingWriter::create(&self.path, &header)?);
+                self.writer = Some(RecordingWriter::create_live(&self.path, &header)?);
                 self.sensor = Some(sensor);
             }
             Some(before) if *before != sensor => {

@@ -1,6 +1,7 @@
 //! File handling shared by several commands: settings over a recording, streams read to the end.
 
 use crate::app::user_folder;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -9,7 +10,7 @@ use clap::Args;
 use crate::settings::Settings;
 use a121::Frame;
 use radar_mapping::Event;
-use radar_recording::Recording;
+use radar_recording::{Recording, read_small_text};
 use radar_sar::PoseSample;
 
 /// Command-line arguments of the settings.
@@ -28,9 +29,7 @@ impl SettingsArguments {
     /// Settings from the file, or from the recording, with the changes applied.
     pub fn over_recorded(&self, recorded: &str) -> Result<Settings> {
         let text = match &self.settings {
-            Some(path) => {
-                std::fs::read_to_string(path).with_context(|| format!("cannot read settings {}", path.display()))?
-            }
+            Some(path) => read_small_text(path).with_context(|| format!("cannot read settings {}", path.display()))?,
             None => recorded.to_owned(),
         };
         Ok(Settings::from_toml(&text, &self.changes)?)
@@ -61,9 +60,7 @@ impl SettingsArguments {
     pub fn live(&self, below: toml::Table) -> Result<Settings> {
         let path = self.settings.clone().or_else(|| user_settings().filter(|path| path.is_file()));
         let text = match &path {
-            Some(path) => {
-                std::fs::read_to_string(path).with_context(|| format!("cannot read settings {}", path.display()))?
-            }
+            Some(path) => read_small_text(path).with_context(|| format!("cannot read settings {}", path.display()))?,
             None => String::new(),
         };
         let read = Settings::from_layers(below, &text, &self.changes);
@@ -92,6 +89,45 @@ pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<Po
     }
     warn_of_damage(&recording);
     Ok((recording, frames, poses))
+}
+
+/// Command-line argument of commands that write a file.
+#[derive(Debug, Default, Args)]
+pub(super) struct ReplaceArgument {
+    /// Replaces files that are there already
+    #[arg(long)]
+    force: bool,
+}
+
+impl ReplaceArgument {
+    /// Refuses to overwrite an input, and without --force any file.
+    pub fn check(&self, out: &Path, inputs: &[&Path]) -> Result<()> {
+        self.check_but(out, inputs, None)
+    }
+
+    /// The same for a file that can be made again: one that begins as such a file is replaced.
+    pub fn check_derived(&self, out: &Path, inputs: &[&Path], beginning: &[u8]) -> Result<()> {
+        self.check_but(out, inputs, Some(beginning))
+    }
+
+    fn check_but(&self, out: &Path, inputs: &[&Path], beginning: Option<&[u8]>) -> Result<()> {
+        refuse_overwriting(out, inputs)?;
+        if out.is_dir() {
+            bail!("{} is a folder: give the file to write", out.display());
+        }
+        let is_there = out.symlink_metadata().is_ok();
+        if is_there && !self.force && !beginning.is_some_and(|beginning| begins_with(out, beginning)) {
+            bail!("{} is there already: choose another name, or give --force to replace it", out.display());
+        }
+        Ok(())
+    }
+}
+
+fn begins_with(file: &Path, beginning: &[u8]) -> bool {
+    let mut start = vec![0; beginning.len()];
+    let is_file = std::fs::metadata(file).is_ok_and(|metadata| metadata.is_file());
+    let mut read = || std::fs::File::open(file)?.read_exact(&mut start);
+    is_file && read().is_ok() && start == beginning
 }
 
 /// Refuses to overwrite an input file, by whatever path it is named.

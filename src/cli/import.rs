@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, anyhow};
 use clap::Args;
 
-use super::files::refuse_overwriting;
+use super::files::ReplaceArgument;
 use radar_recording::{ImportOptions, import_h5};
 use radar_sar::HistorySettings;
 use radar_sar::geometry::Pose;
@@ -44,12 +44,14 @@ pub(super) struct Import {
     /// Recording to write
     #[arg(long, value_name = "FILE.mcap")]
     out: PathBuf,
+    #[command(flatten)]
+    replace: ReplaceArgument,
 }
 
 impl Import {
     pub fn run(&self) -> Result<()> {
         let inputs: Vec<&Path> = std::iter::once(&self.frames).chain(&self.poses).map(PathBuf::as_path).collect();
-        refuse_overwriting(&self.out, &inputs)?;
+        self.replace.check(&self.out, &inputs)?;
         let mut options = ImportOptions::default();
         if let Some(mount) = &self.mount {
             options.head_from_sensor = parse_mount(mount)?;

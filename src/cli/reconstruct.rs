@@ -9,7 +9,7 @@ use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value};
 
-use super::files::{SettingsArguments, read_streams, refuse_overwriting};
+use super::files::{ReplaceArgument, SettingsArguments, read_streams};
 use crate::app::progress;
 use crate::gpu_imaging::GpuImager;
 use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
@@ -88,6 +88,8 @@ pub(super) struct Reconstruct {
     #[arg(long, default_value_t = 0.5, requires = "cloud")]
     cloud_share: f64,
     #[command(flatten)]
+    replace: ReplaceArgument,
+    #[command(flatten)]
     settings: SettingsArguments,
 }
 
@@ -135,9 +137,9 @@ impl Reconstruct {
         let statistic: Statistic = self.statistic.parse()?;
         let selection: Selection = self.selection.parse()?;
         self.check_arguments()?;
-        refuse_overwriting(&self.out, &[&self.file])?;
+        self.replace.check_derived(&self.out, &[&self.file], b"\x93NUMPY")?;
         if let Some(cloud) = &self.cloud {
-            refuse_overwriting(cloud, &[&self.file])?;
+            self.replace.check_derived(cloud, &[&self.file], b"ply\n")?;
         }
         let (recording, frames, poses) = read_streams(&self.file)?;
         let header = recording.header();

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 
-use super::files::refuse_overwriting;
+use super::files::ReplaceArgument;
 use radar_recording::{Recording, RecordingWriter};
 
 /// Copies everything readable of a damaged recording into a new, valid one
@@ -16,22 +16,36 @@ pub(super) struct Recover {
     /// New recording
     #[arg(long, value_name = "FILE.mcap")]
     out: PathBuf,
+    #[command(flatten)]
+    replace: ReplaceArgument,
 }
 
 impl Recover {
     pub fn run(&self) -> Result<()> {
-        refuse_overwriting(&self.out, &[&self.file])?;
+        self.replace.check(&self.out, &[&self.file])?;
         let mut recording = Recording::open(&self.file)?;
         let mut writer = RecordingWriter::create(&self.out, recording.header())?;
+        let mut is_empty = true;
         for event in &mut recording {
             writer.write(&event)?;
+            is_empty = false;
+        }
+        if is_empty && !recording.damage().is_none() {
+            bail!("nothing could be saved of {}: {}", self.file.display(), recording.damage());
         }
         let saved = writer.finish()?;
         match recording.damage().is_none() {
             true => outln!("{} was not damaged.", self.file.display())?,
             false => outln!("Damage: {}", recording.damage())?,
         }
-        outln!("Saved {} frames and {} poses to {}", saved.frames.count, saved.poses.count, self.out.display())?;
+        let frames = match recording.stated_frames() {
+            Some(stated) if stated >= saved.frames.count => {
+                let share = 100.0 * saved.frames.count as f64 / (stated as f64).max(1.0);
+                format!("{} of {stated} frames ({share:.1} %)", saved.frames.count)
+            }
+            _ => format!("{} frames", saved.frames.count),
+        };
+        outln!("Saved {frames} and {} poses to {}", saved.poses.count, self.out.display())?;
         Ok(())
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use clap::Args;
 
-use super::files::{SettingsArguments, refuse_overwriting, warn_of_damage};
+use super::files::{ReplaceArgument, SettingsArguments, warn_of_damage};
 use super::results::Results;
 use super::view::{ReplayEnd, ViewArguments};
 use crate::app::{correction_text, progress};
@@ -39,6 +39,8 @@ pub(super) struct Replay {
     /// Rerun
     #[arg(long, value_name = "FILE.mcap")]
     results: Option<PathBuf>,
+    #[command(flatten)]
+    replace: ReplaceArgument,
     /// Restores a map that `run` has saved, in the standing universe as it was then
     #[arg(long, value_name = "FILE.json")]
     map: Option<PathBuf>,
@@ -57,7 +59,7 @@ impl Replay {
             bail!("--speed {speed}: give a number above 0");
         }
         if let Some(results) = &self.results {
-            refuse_overwriting(results, &[&self.file])?;
+            self.replace.check(results, &[&self.file])?;
         }
         let summary = RecordingSummary::read(&self.file)?;
         let recording = Recording::open(&self.file)?;
@@ -199,7 +201,16 @@ impl Replay {
 
     /// A plain replay of a file, for viewing.
     pub(super) fn for_viewing(file: PathBuf, view: ViewArguments) -> Self {
-        Self { file, out: None, results: None, map: None, speed: None, settings: SettingsArguments::default(), view }
+        Self {
+            file,
+            out: None,
+            results: None,
+            replace: ReplaceArgument::default(),
+            map: None,
+            speed: None,
+            settings: SettingsArguments::default(),
+            view,
+        }
     }
 }
 

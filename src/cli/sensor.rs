@@ -4,18 +4,15 @@ use std::path::{Path, PathBuf};
 
 use a121::find::Candidate;
 use a121::{Calibration, PRESETS, SensorConfig, Setup, preset};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use clap::Args;
+use radar_recording::read_small_text;
 use radar_sar::geometry::Pose;
 
 use super::board::BoardArguments;
 use super::import::parse_mount;
 use super::simulate::read_config;
 use crate::app::ChosenSensor;
-
-/// Largest calibration file, bytes. Choice: all calibrations of a board fit the protocol's line of
-/// 16 kB; a wrong path to a large file is refused at once.
-const MAX_CALIBRATION_BYTES: u64 = 1 << 20;
 
 /// Command-line arguments of the sensor.
 #[derive(Debug, Clone, Args)]
@@ -74,13 +71,9 @@ impl SensorArguments {
 /// Calibrations of an earlier recording; empty where the file does not exist yet.
 fn read_calibrations(path: &Path) -> Result<Vec<Calibration>> {
     let about = || format!("cannot read calibration {}", path.display());
-    match std::fs::metadata(path) {
+    let text = match read_small_text(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Ok(metadata) if metadata.len() > MAX_CALIBRATION_BYTES => {
-            bail!("{} is no calibration: too long", path.display())
-        }
-        metadata => metadata.with_context(about)?,
+        text => text.with_context(about)?,
     };
-    let text = std::fs::read_to_string(path).with_context(about)?;
     serde_json::from_str(&text).with_context(|| format!("{} is no calibration", path.display()))
 }

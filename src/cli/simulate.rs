@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 
-use super::files::refuse_overwriting;
+use super::files::ReplaceArgument;
 use super::import::parse_mount;
 use super::serve::Serve;
 use crate::app::progress;
 use crate::settings::Settings;
 use a121::{PRESETS, SensorConfig, preset};
 use radar_mapping::in_time_order;
-use radar_recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
+use radar_recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata, read_small_text};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
 use radar_simulation::{
@@ -85,6 +85,8 @@ pub(super) struct Simulate {
     #[arg(long, value_name = "FILE.mcap", required_unless_present = "serve")]
     out: Option<PathBuf>,
     #[command(flatten)]
+    replace: ReplaceArgument,
+    #[command(flatten)]
     live: Serve,
 }
 
@@ -97,9 +99,8 @@ impl Simulate {
             return self.live.run(self.scenario()?, self.duration_s);
         };
         self.live.require_serve()?;
-        if let Some(config) = &self.config {
-            refuse_overwriting(out, &[config])?;
-        }
+        let inputs: Vec<&Path> = self.config.iter().map(PathBuf::as_path).collect();
+        self.replace.check(out, &inputs)?;
         let spinner = progress::spinner("simulating");
         let summary = if self.room == PLAY_ROOM {
             let session = self.play_session()?.prepare()?;
@@ -185,8 +186,7 @@ pub(super) fn effects_in(room: &str) -> SensorEffects {
 
 /// A valid sensor configuration from a file.
 pub(super) fn read_config(path: &Path) -> Result<SensorConfig> {
-    let text =
-        std::fs::read_to_string(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
+    let text = read_small_text(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
     let config: SensorConfig =
         serde_json::from_str(&text).with_context(|| format!("{} is no sensor configuration", path.display()))?;
     config.validate().with_context(|| format!("{} breaks a rule of the sensor", path.display()))?;

@@ -169,15 +169,15 @@ fn unwritable_outputs_are_reported_once() {
     let folder = folder("unwritable");
     std::fs::create_dir(folder.path("folder")).unwrap();
     for line in [
-        "simulate nothing --duration-s 0.2 --out folder",
         "simulate nothing --duration-s 0.2 --out missing/r.mcap",
-        "recover r.mcap --out folder",
-        "reconstruct r.mcap --voxel-m 0.5 --out folder",
         "reconstruct r.mcap --voxel-m 0.5 --out r.mcap/v.npy",
         "replay r.mcap --out r.mcap",
     ] {
         let outcome = folder.run(line).fails_with("os error");
         assert_eq!(outcome.err.matches("os error").count(), 1, "printed twice: {outcome:#?}");
+    }
+    for line in ["simulate nothing --out folder", "recover r.mcap --out folder", "reconstruct r.mcap --out folder"] {
+        folder.run(line).fails_with("folder is a folder: give the file to write");
     }
 }
 
@@ -194,6 +194,36 @@ fn closed_stdout_loses_no_file() {
     ] {
         folder.run_unread(line).succeeds();
         assert!(folder.path(file).exists(), "{line}");
+    }
+}
+
+#[test]
+fn files_that_are_there_are_replaced_only_when_asked() {
+    let folder = folder("replace");
+    folder.write("input.h5", short_h5());
+    let before = folder.read("r.mcap");
+    for command in [
+        "recover r.mcap --out there",
+        "replay r.mcap --set reflectors.voxel_m=0.2 --results there",
+        "simulate nothing --duration-s 0.2 --out there",
+        "import input.h5 --out there",
+        "reconstruct r.mcap --voxel-m 0.5 --out there",
+        "reconstruct r.mcap --voxel-m 0.5 --out v.npy --cloud there",
+    ] {
+        folder.write("there", "mine");
+        folder.run(command).fails_with("there is there already: choose another name, or give --force to replace it");
+        assert_eq!(folder.read("there"), b"mine", "{command}");
+        folder.run(&format!("{command} --force")).succeeds();
+        assert_ne!(folder.read("there"), b"mine", "{command}");
+        let _ = std::fs::remove_file(folder.path("v.npy"));
+    }
+    // Another name of the input is replaced, the input is not.
+    for name in ["recover r.mcap --out linked.mcap", "replay r.mcap --set reflectors.voxel_m=0.2 --results linked.mcap"]
+    {
+        std::fs::hard_link(folder.path("r.mcap"), folder.path("linked.mcap")).unwrap();
+        folder.run(&format!("{name} --force")).succeeds();
+        assert!(folder.read("r.mcap") == before, "{name}");
+        std::fs::remove_file(folder.path("linked.mcap")).unwrap();
     }
 }
 

@@ -183,6 +183,6 @@ fn check_commands(folder: &Folder, streams: &Streams, message: &str) {
     assert_eq!(counter(folder, "poses"), streams.poses.len() as u64);
     let outcome = folder.run("reconstruct r.mcap --voxel-m 0.2 --sweeps 10 --out v.npy");
     assert!(outcome.succeeded() || outcome.err.contains("no sweep of r.mcap has a pose"), "{outcome:#?}");
-    folder.run("recover r.mcap --out saved.mcap").succeeds().prints("r.mcap was not damaged");
+    folder.run("recover r.mcap --out saved.mcap --force").succeeds().prints("r.mcap was not damaged");
     assert!(folder.read("saved.mcap") == folder.read("r.mcap"));
 }

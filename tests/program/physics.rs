@@ -15,7 +15,7 @@ fn a_corner_reflector_is_found_within_5_mm_in_the_median_of_five_seeds() {
     let mut errors_m: Vec<f64> = (1..=5)
         .map(|seed| {
             let scenario = "corner-reflector --motion sphere-50cm --snr-db 20";
-            folder.run(&format!("simulate {scenario} --seed {seed} --out r.mcap")).succeeds();
+            folder.run(&format!("simulate {scenario} --seed {seed} --out r.mcap --force")).succeeds();
             let found = only(obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50"));
             assert_eq!(found.observed, "position", "seed {seed}");
             found.position_m.distance(CORNER_REFLECTOR_M)
@@ -67,7 +67,7 @@ fn noise_alone_is_no_obstacle() {
     for preset in ["fine", "d16"] {
         for seed in 1..=2 {
             let scenario = format!("nothing --preset {preset} --seed {seed} --duration-s 3");
-            folder.run(&format!("simulate {scenario} --out r.mcap")).succeeds();
+            folder.run(&format!("simulate {scenario} --out r.mcap --force")).succeeds();
             folder.run("replay r.mcap").succeeds().prints("\n0 obstacles, 0 walls\n");
         }
     }

@@ -19,7 +19,7 @@ fn a_recording_goes_through_every_command() {
         .run("recover r.mcap --out saved.mcap")
         .succeeds()
         .prints("r.mcap was not damaged.")
-        .prints("Saved 1000 frames and 289 poses to saved.mcap");
+        .prints("Saved 1000 of 1000 frames (100.0 %) and 289 poses to saved.mcap");
     assert!(folder.read("r.mcap") == folder.read("saved.mcap"), "a sound recording is saved as it was");
 }
 

@@ -139,7 +139,7 @@ fn extreme_valid_configurations_are_simulated_and_replayed() {
     for config in table {
         println!("{config}");
         folder.write("sensor.json", config.to_string());
-        folder.run("simulate furnished-room --config sensor.json --duration-s 0.3 --out r.mcap").succeeds();
+        folder.run("simulate furnished-room --config sensor.json --duration-s 0.3 --out r.mcap --force").succeeds();
         for mode in ["rooms", "reflectors"] {
             folder.run(&format!("replay r.mcap --set processing.mode={mode} --out found")).succeeds();
         }

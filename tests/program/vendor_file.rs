@@ -87,7 +87,7 @@ fn sensor_at_rest_is_imported_with_a_fixed_pose() {
         [("--fixed-pose", DVec3::ZERO), ("--fixed-pose=-1,1.6,0,0,0,0,1", DVec3::new(-1.0, 1.6, 0.0))]
     {
         folder
-            .run(&format!("import frames.h5 {option} --out r.mcap"))
+            .run(&format!("import frames.h5 {option} --out r.mcap --force"))
             .succeeds()
             .prints("import of frames.h5 at a fixed pose");
         folder.run("replay r.mcap").succeeds().prints("60 sweeps imaged, 0 frames without a pose skipped\n\n");
@@ -96,7 +96,9 @@ fn sensor_at_rest_is_imported_with_a_fixed_pose() {
         let poses: Vec<_> = poses.collect();
         assert!(poses.len() >= 150 && poses.iter().all(|pose| pose.position_m == position_m.to_array()), "{option}");
     }
-    folder.run("import frames.h5 --fixed-pose=1,2 --out r.mcap").fails_with("\"1,2\" is no pose: give x,y,z or");
+    folder
+        .run("import frames.h5 --fixed-pose=1,2 --out r.mcap --force")
+        .fails_with("\"1,2\" is no pose: give x,y,z or");
     folder.write("track.tum", "0 0 0 0 0 0 0 1\n");
     folder.run("import frames.h5 --fixed-pose --poses track.tum --out r.mcap").fails_with("cannot be used with");
 }
@@ -107,7 +109,7 @@ fn interrupted_file_is_imported_as_far_as_it_goes_or_refused_as_not_closed() {
     let mut grown = short_h5();
     grown.extend([7; 100]);
     folder.write("grown.h5", grown);
-    let imported = folder.run("import grown.h5 --out r.mcap").succeeds().prints("Frames     60 over");
+    let imported = folder.run("import grown.h5 --out r.mcap --force").succeeds().prints("Frames     60 over");
     let says =
         "grown.h5 was not closed by its writer: 60 frames recovered, 100 bytes written after the last flush lost";
     assert!(imported.err.contains(says), "{imported:#?}");
@@ -116,7 +118,7 @@ fn interrupted_file_is_imported_as_far_as_it_goes_or_refused_as_not_closed() {
     never_flushed.extend([0, u64::MAX, 2048, u64::MAX, 0, 96, 1, 136, 680].into_iter().flat_map(u64::to_le_bytes));
     never_flushed.resize(8328, 0);
     folder.write("never.h5", never_flushed);
-    folder.run("import never.h5 --out r.mcap").fails_with("never.h5 was not closed by its writer");
+    folder.run("import never.h5 --out r.mcap --force").fails_with("never.h5 was not closed by its writer");
 }
 
 /// Simulated, written as the vendor's file and a track, imported, replayed with 50 sweeps: distance
@@ -128,7 +130,10 @@ fn error_of_import_m(folder: &Folder, seed: u64) -> f64 {
     let simulated = scenario.run().unwrap();
     folder.write("frames.h5", h5(&scenario.config, &simulated.frames));
     folder.write("track.tum", track(&scenario, &simulated));
-    folder.run("import frames.h5 --poses track.tum --out r.mcap").succeeds().prints("Frames     1200 over 9.99 s");
+    folder
+        .run("import frames.h5 --poses track.tum --out r.mcap --force")
+        .succeeds()
+        .prints("Frames     1200 over 9.99 s");
     let found = only(obstacles_of(folder, "r.mcap --set reflectors.max_sweeps=50"));
     found.position_m.distance(DVec3::new(-0.3, 1.5, -1.0))
 }

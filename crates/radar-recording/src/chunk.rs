@@ -57,6 +57,9 @@ fn check_chunk_header(record: &[u8], whole: bool) -> Result<(), String> {
             claims.unpacked_bytes
         ));
     }
+    if claims.unpacked_bytes == 0 && claims.packed_bytes > 0 {
+        return Err(format!("it claims to be empty and holds {} packed bytes", claims.packed_bytes));
+    }
     match claims.compression {
         "zstd" => {}
         // Uncompressed records are split by length alone, so bytes beyond the claimed ones would be

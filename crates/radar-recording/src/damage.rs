@@ -11,6 +11,10 @@ pub struct Damage {
     pub chunks_damaged: u64,
     /// Messages skipped because their length or numbers are invalid.
     pub messages_skipped: u64,
+    /// Bytes between whole chunks that were passed over, because no record could be read there.
+    pub bytes_skipped: u64,
+    /// Whether the checksum of the whole file differs. Headers of chunks and their index are covered by it alone.
+    pub checksum_differs: bool,
     /// Reason for the first skipped chunk or message.
     pub first_reason: Option<String>,
 }
@@ -23,6 +27,11 @@ impl Damage {
 
     pub(super) fn chunk(&mut self, reason: impl Into<String>) {
         self.chunks_damaged += 1;
+        self.first_reason.get_or_insert_with(|| reason.into());
+    }
+
+    pub(super) fn skip(&mut self, bytes: u64, reason: impl Into<String>) {
+        self.bytes_skipped += bytes;
         self.first_reason.get_or_insert_with(|| reason.into());
     }
 
@@ -45,6 +54,12 @@ impl fmt::Display for Damage {
         }
         if self.messages_skipped > 0 {
             parts.push(format!("{} messages left out", self.messages_skipped));
+        }
+        if self.bytes_skipped > 0 {
+            parts.push(format!("{} bytes passed over", self.bytes_skipped));
+        }
+        if self.checksum_differs {
+            parts.push("the file's checksum differs".to_owned());
         }
         if let Some(reason) = &self.first_reason {
             parts.push(format!("first of them: {reason}"));

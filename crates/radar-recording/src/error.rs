@@ -18,6 +18,9 @@ pub enum RecordingError {
         /// The system's error.
         source: std::io::Error,
     },
+    /// A new recording would replace a file.
+    #[error("{0} is there already: choose another name, or remove it")]
+    AlreadyThere(PathBuf),
     /// A directory or device instead of a file.
     #[error("{0} is a folder or a device: give the recording's file")]
     NotAFile(PathBuf),

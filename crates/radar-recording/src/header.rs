@@ -2,6 +2,7 @@
 //! Floating-point numbers round-trip bit for bit.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
@@ -11,14 +12,23 @@ use a121::SensorConfig;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::Truth;
 
-/// Version of the format that is written; all versions up to it are read.
-pub const FORMAT_VERSION: u32 = 1;
+/// Version of the format that is written; all versions up to it are read. Since 2, header and truth have a checksum, stand in the
+/// file twice, and hold no unknown field.
+pub const FORMAT_VERSION: u32 = 2;
 /// Name of the metadata record with the header.
 pub(super) const HEADER_RECORD: &str = "radar_chaperone";
 /// Name of the metadata record with the truth.
 pub(super) const TRUTH_RECORD: &str = "radar_chaperone.truth";
-/// Its only key.
+/// Its only key but the checksum's.
 const TRUTH_KEY: &str = "truth";
+/// Key of the checksum of all other fields.
+const CHECKSUM_KEY: &str = "crc32";
+/// Farthest that a sensor may be from what is tracked, in each axis, metres. Choice: a vehicle's length; a head is smaller.
+const MAX_MOUNT_M: f64 = 10.0;
+/// Distances between neighbouring range points that are possible, metres. Source: the A121's is 2.5 mm.
+const BASE_STEPS_M: RangeInclusive<f64> = 1e-3..=10e-3;
+/// Keys of the header but the checksum's.
+const KEYS: [&str; 6] = ["format_version", "source", "sensor_config", "sensor", "head_from_sensor", "settings"];
 
 /// Information from the board; unknown parts are `None`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -78,33 +88,39 @@ impl Header {
             quaternion_xyzw: self.head_from_sensor.rotation.to_array(),
         };
         let field = |name: &str, value: String| (name.to_owned(), value);
-        BTreeMap::from([
+        with_checksum(BTreeMap::from([
             field("format_version", FORMAT_VERSION.to_string()),
             field("source", self.source.clone()),
             field("sensor_config", json(&self.config)),
             field("sensor", json(&self.sensor)),
             field("head_from_sensor", json(&mount)),
             field("settings", self.settings.clone()),
-        ])
+        ]))
     }
 
     /// The fields of [`TRUTH_RECORD`], when the truth is known.
     pub(super) fn truth_to_fields(&self) -> Option<BTreeMap<String, String>> {
-        self.truth.as_ref().map(|truth| BTreeMap::from([(TRUTH_KEY.to_owned(), json(truth))]))
+        self.truth.as_ref().map(|truth| with_checksum(BTreeMap::from([(TRUTH_KEY.to_owned(), json(truth))])))
     }
 
     /// Parses the fields of [`HEADER_RECORD`]; the truth is stored separately.
     ///
     /// # Errors
-    /// A newer format, a missing or invalid field, a configuration that breaks a rule.
+    /// A newer format, a missing, unknown or invalid field, another checksum, a configuration that breaks a rule.
     pub(super) fn from_fields(fields: &BTreeMap<String, String>) -> Result<Self, RecordingError> {
-        check_version(text(fields, "format_version")?)?;
+        if version(text(fields, "format_version")?)? >= 2 {
+            check_fields(fields, "header", &KEYS)?;
+        }
         let config: SensorConfig = parsed(fields, "sensor_config")?;
         config.validate()?;
+        let sensor: SensorMetadata = parsed(fields, "sensor")?;
+        if let Some(step_m) = sensor.base_step_length_m.filter(|step_m| !BASE_STEPS_M.contains(step_m)) {
+            return Err(unusable("sensor", format!("a base step of {step_m} m is impossible")));
+        }
         Ok(Self {
             source: text(fields, "source")?.to_owned(),
             config,
-            sensor: parsed(fields, "sensor")?,
+            sensor,
             head_from_sensor: mount(parsed(fields, "head_from_sensor")?)?,
             settings: text(fields, "settings")?.to_owned(),
             truth: None,
@@ -114,8 +130,11 @@ impl Header {
     /// Parses the fields of [`TRUTH_RECORD`].
     ///
     /// # Errors
-    /// The field is missing or invalid.
+    /// The field is missing or invalid, or the checksum is another.
     pub(super) fn truth_from_fields(fields: &BTreeMap<String, String>) -> Result<Truth, RecordingError> {
+        if fields.len() > 1 {
+            check_fields(fields, "truth", &[TRUTH_KEY])?;
+        }
         parsed(fields, TRUTH_KEY)
     }
 
@@ -155,10 +174,37 @@ fn parsed<T: for<'de> Deserialize<'de>>(
     serde_json::from_str(text(fields, field)?).map_err(|error| unusable(field, error.to_string()))
 }
 
-fn check_version(version: &str) -> Result<(), RecordingError> {
+fn with_checksum(mut fields: BTreeMap<String, String>) -> BTreeMap<String, String> {
+    fields.insert(CHECKSUM_KEY.to_owned(), checksum(&fields));
+    fields
+}
+
+/// Over all fields but its own, each name and value ended by a zero.
+fn checksum(fields: &BTreeMap<String, String>) -> String {
+    let mut crc = crc32fast::Hasher::new();
+    for text in fields.iter().filter(|(key, _)| *key != CHECKSUM_KEY).flat_map(|(key, value)| [key, value]) {
+        crc.update(text.as_bytes());
+        crc.update(&[0]);
+    }
+    format!("{:08x}", crc.finalize())
+}
+
+/// Checks that these fields and the checksum are there, no others, and the checksum itself.
+fn check_fields(fields: &BTreeMap<String, String>, what: &'static str, keys: &[&str]) -> Result<(), RecordingError> {
+    if let Some(unknown) = fields.keys().find(|key| *key != CHECKSUM_KEY && !keys.contains(&key.as_str())) {
+        return Err(unusable(what, format!("there is an unknown field {unknown:?}")));
+    }
+    let (stated, found) = (text(fields, CHECKSUM_KEY)?, checksum(fields));
+    match stated == found {
+        true => Ok(()),
+        false => Err(unusable(what, format!("its checksum is {stated}, of its content {found}"))),
+    }
+}
+
+fn version(version: &str) -> Result<u32, RecordingError> {
     match version.parse::<u32>() {
         Ok(found) if found > FORMAT_VERSION => Err(RecordingError::NewerFormat { found, known: FORMAT_VERSION }),
-        Ok(1..) => Ok(()),
+        Ok(found @ 1..) => Ok(found),
         _ => Err(unusable("format_version", format!("{version:?} is not a number from 1 up"))),
     }
 }
@@ -168,6 +214,10 @@ fn mount(numbers: MountNumbers) -> Result<Pose, RecordingError> {
     let MountNumbers { position_m, quaternion_xyzw } = numbers;
     Pose::try_new(position_m, quaternion_xyzw).map_err(|error| unusable("head_from_sensor", error.to_string()))?;
     let rotation = DQuat::from_array(quaternion_xyzw);
+    if position_m.iter().any(|m| m.abs() > MAX_MOUNT_M) {
+        let reason = format!("the sensor is {position_m:?} m from the head: give at most {MAX_MOUNT_M} m in each axis");
+        return Err(unusable("head_from_sensor", reason));
+    }
     if (rotation.length() - 1.0).abs() > 1e-6 {
         let reason = format!("quaternion (x y z w) {quaternion_xyzw:?} has length {}: make it 1", rotation.length());
         return Err(unusable("head_from_sensor", reason));
@@ -208,16 +258,50 @@ mod tests {
     #[test]
     fn invalid_fields_are_named() {
         let mut fields = header().to_fields();
-        fields.insert("format_version".into(), "2".into());
-        assert!(matches!(Header::from_fields(&fields), Err(RecordingError::NewerFormat { found: 2, known: 1 })));
-        let mut fields = header().to_fields();
+        fields.insert("format_version".into(), "3".into());
+        assert!(matches!(Header::from_fields(&fields), Err(RecordingError::NewerFormat { found: 3, known: 2 })));
+        // Of the first version, which had no checksum.
+        let first_version = || {
+            let mut fields = header().to_fields();
+            fields.remove(CHECKSUM_KEY);
+            fields.insert("format_version".into(), "1".into());
+            fields
+        };
+        assert_eq!(Header::from_fields(&first_version()).unwrap(), header());
+        let mut fields = first_version();
         fields.insert("sensor_config".into(), "{\"subsweeps\": 3}".into());
         assert!(Header::from_fields(&fields).unwrap_err().to_string().contains("sensor_config"));
-        let mut fields = header().to_fields();
+        let mut fields = first_version();
         fields.remove("settings");
         assert!(Header::from_fields(&fields).unwrap_err().to_string().contains("settings is unusable: it is missing"));
-        let mut fields = header().to_fields();
+        let mut fields = first_version();
         fields.insert("head_from_sensor".into(), r#"{"position_m":[0,0,0],"quaternion_xyzw":[0,0,0,2]}"#.into());
         assert!(Header::from_fields(&fields).unwrap_err().to_string().contains("length 2"));
+        let mut far = header();
+        far.head_from_sensor.translation.x = 1e308;
+        assert!(Header::from_fields(&far.to_fields()).unwrap_err().to_string().contains("at most 10 m"));
+        for base_step_length_m in [0.0, -1.0, 1e308] {
+            let mut header = header();
+            header.sensor.base_step_length_m = Some(base_step_length_m);
+            assert!(Header::from_fields(&header.to_fields()).unwrap_err().to_string().contains("base step"));
+        }
+    }
+
+    #[test]
+    fn changed_and_unknown_fields_are_refused() {
+        let refused = |fields: BTreeMap<String, String>| Header::from_fields(&fields).unwrap_err().to_string();
+        let mut fields = header().to_fields();
+        fields.insert("source".into(), "tesu".into());
+        assert!(refused(fields).contains("checksum"));
+        let mut fields = header().to_fields();
+        fields.insert("colour".into(), "red".into());
+        assert!(refused(fields).contains("unknown field \"colour\""));
+        let mut fields = header().to_fields();
+        fields.remove(CHECKSUM_KEY);
+        assert!(refused(fields).contains("crc32"));
+        // Whole, but impossible.
+        let mut broken = header();
+        broken.config.subsweeps[0].hwaas = 0;
+        assert!(refused(broken.to_fields()).contains("subsweeps[0].hwaas is 0"));
     }
 }

@@ -15,8 +15,9 @@
 //!
 //! # Format
 //!
-//! A file starts with metadata records (the [`Header`]), so that even a truncated file can be read.
-//! Then come chunks of at most one second, with these topics (name, schema, content):
+//! A file starts with metadata records (the [`Header`]), so that even a truncated file can be read. They have a checksum, and a copy
+//! behind the first chunk, which declares the topics. Then come chunks of at most one second, with these topics (name, schema,
+//! content):
 //!
 //! - `/radar/frame`, `radar_chaperone.Frame`: raw frames.
 //! - `/tracking/head_raw`, `radar_chaperone.TrackedPose`: every pose as received, valid or not.
@@ -59,6 +60,7 @@
 mod chunk;
 mod csv_track;
 mod damage;
+mod damaged_places;
 mod error;
 mod foxglove_messages;
 mod header;
@@ -70,11 +72,13 @@ mod reader;
 mod real_scenes;
 mod record;
 mod results;
+mod small_file;
 mod summary;
 #[cfg(test)]
 mod test_files;
 mod track;
 mod tum;
+mod whole_file;
 mod writer;
 
 pub use damage::Damage;
@@ -85,6 +89,8 @@ pub use map_file::{MAX_ROOMS, MapFile, MapFileError, MapFolder};
 pub use reader::Recording;
 pub use results::wire as results_messages;
 pub use results::{BeamCone, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
+pub use small_file::{MAX_SMALL_BYTES, read_small_text};
 pub use summary::{RecordingSummary, SparsePoses, StreamSummary};
 pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};
+pub use whole_file::{Readers, WholeFile, create_new, write_whole};
 pub use writer::RecordingWriter;

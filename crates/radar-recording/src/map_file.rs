@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::whole_file::{Readers, write_whole};
 use radar_mapping::{SavedMap, SavedMapError};
 use radar_sar::geometry::Pose;
 
@@ -134,17 +135,8 @@ impl MapFile {
     /// The system refuses.
     pub fn write(&self, path: &Path) -> Result<(), MapFileError> {
         let error = io_error("write", path);
-        let beside = path.with_extension(format!("{}.tmp", std::process::id()));
-        let write = || {
-            path.parent().map_or(Ok(()), fs::create_dir_all)?;
-            fs::write(&beside, serde_json::to_vec(self)?)?;
-            fs::rename(&beside, path)
-        };
-        write().map_err(|source| {
-            // The first error is the one to report.
-            let _ = fs::remove_file(&beside);
-            error(source)
-        })
+        let text = serde_json::to_vec(self).map_err(|source| error(source.into()))?;
+        write_whole(path, &text, Readers::Owner).map_err(error)
     }
 }
 

@@ -13,6 +13,7 @@ pub(super) mod op {
     pub const CHANNEL: u8 = 0x04;
     pub const MESSAGE: u8 = 0x05;
     pub const CHUNK: u8 = 0x06;
+    pub const STATISTICS: u8 = 0x0B;
     pub const METADATA: u8 = 0x0C;
     pub const DATA_END: u8 = 0x0F;
 }
@@ -57,7 +58,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// Name and fields of a metadata record.
+/// Name and fields of a metadata record; `None` when it is longer or shorter than these.
 pub(super) fn metadata(record: &[u8]) -> Option<(&str, BTreeMap<String, String>)> {
     let mut fields = Fields(record);
     let name = fields.text()?;
@@ -66,7 +67,7 @@ pub(super) fn metadata(record: &[u8]) -> Option<(&str, BTreeMap<String, String>)
     while !map.0.is_empty() {
         values.insert(map.text()?.to_owned(), map.text()?.to_owned());
     }
-    Some((name, values))
+    fields.0.is_empty().then_some((name, values))
 }
 
 /// Id, topic and message encoding of a channel record.
@@ -82,6 +83,19 @@ pub(super) fn message(record: &[u8]) -> Option<(u16, &[u8])> {
     let channel = fields.u16()?;
     let (_sequence, _log_time, _publish_time) = (fields.u32()?, fields.u64()?, fields.u64()?);
     Some((channel, fields.0))
+}
+
+/// Number of messages of each channel, of a statistics record.
+pub(super) fn message_counts(record: &[u8]) -> Option<BTreeMap<u16, u64>> {
+    let mut fields = Fields(record);
+    // All messages; schemas; channels, attachments, metadata, chunks; the first and the last time.
+    fields.bytes(8 + 2 + 4 * 4 + 8 + 8)?;
+    let mut counts = Fields(fields.sized()?);
+    let mut by_channel = BTreeMap::new();
+    while !counts.0.is_empty() {
+        by_channel.insert(counts.u16()?, counts.u64()?);
+    }
+    Some(by_channel)
 }
 
 /// Header of a chunk, with sizes as claimed by the file.

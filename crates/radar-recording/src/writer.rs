@@ -5,7 +5,7 @@
 use radar_mapping::Event;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use foxglove::Encode;
@@ -20,6 +20,7 @@ use super::message::{
     HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_hands,
     encode_pose,
 };
+use super::whole_file::{Readers, WholeFile, create_new};
 use super::{RecordingError, RecordingSummary};
 use a121::Frame;
 use radar_mapping::HandsSample;
@@ -74,10 +75,12 @@ struct Output {
     chunk: Option<OpenChunk>,
 }
 
-/// Writer of a recording. Dropping it without [`finish`](Self::finish) still ends the file
-/// properly, but hides errors.
+/// Writer of a recording. Dropping it without [`finish`](Self::finish) leaves nothing of a recording that would appear when
+/// finished, and ends a live one properly, but hides errors.
 pub struct RecordingWriter {
     path: PathBuf,
+    /// `None` for one that stands under its name while it is written.
+    whole: Option<WholeFile>,
     output: Output,
     frames: Channel,
     raw_poses: Channel,
@@ -89,34 +92,42 @@ pub struct RecordingWriter {
 }
 
 impl RecordingWriter {
-    /// Creates or truncates the file and writes the header.
+    /// A recording that appears under its name, in place of what is there, when it is finished; until then it is a neighbour.
     ///
     /// # Errors
     /// A header that could not be read back (a broken rule, a number that is not finite), or a file
     /// that cannot be written.
     pub fn create(path: impl AsRef<Path>, header: &Header) -> Result<Self, RecordingError> {
-        let path = path.as_ref().to_owned();
+        let path = path.as_ref();
         header.check_readable()?;
-        match File::create(&path) {
-            Ok(file) => Self::start(&path, file, header).map_err(|error| write_error(&path, error)),
-            Err(source) => Err(RecordingError::Io { doing: "create", path, source }),
-        }
+        let (whole, file) = WholeFile::create(path, Readers::Usual).map_err(|source| create_error(path, source))?;
+        Self::start(path, Some(whole), file, header).map_err(|error| write_error(path, error))
     }
 
-    fn start(path: &Path, file: File, header: &Header) -> McapResult<Self> {
+    /// A recording that stands under its name from the beginning, readable by the user alone: what was written survives a crash.
+    ///
+    /// # Errors
+    /// As [`Self::create`], and a file that is there already.
+    pub fn create_live(path: impl AsRef<Path>, header: &Header) -> Result<Self, RecordingError> {
+        let path = path.as_ref();
+        header.check_readable()?;
+        let file = create_new(path, Readers::Owner).map_err(|source| create_error(path, source))?;
+        Self::start(path, None, file, header).map_err(|error| write_error(path, error))
+    }
+
+    fn start(path: &Path, whole: Option<WholeFile>, file: File, header: &Header) -> McapResult<Self> {
         let mut output = Output::start(file)?;
-        output.mcap.write_metadata(&Metadata { name: HEADER_RECORD.into(), metadata: header.to_fields() })?;
-        if let Some(metadata) = header.truth_to_fields() {
-            output.mcap.write_metadata(&Metadata { name: TRUTH_RECORD.into(), metadata })?;
-        }
+        output.write_header(header)?;
         let frames = output.add_channel(FRAME_CHANNEL, FRAME_TOPIC, FRAME_SCHEMA, DESCRIPTORS)?;
         let raw_poses = output.add_channel(POSE_CHANNEL, POSE_TOPIC, POSE_SCHEMA, DESCRIPTORS)?;
         let head = output.add_foxglove_channel::<FrameTransform>(HEAD_CHANNEL, "/tracking/head")?;
         let mount = output.add_foxglove_channel::<FrameTransform>(MOUNT_CHANNEL, "/tracking/mount")?;
         // The topics get a chunk of their own, so that damage to later chunks does not affect them.
         output.flush()?;
+        // A copy, so that no damage to one place of the file costs the header.
+        output.write_header(header)?;
         let (path, summary) = (path.to_owned(), RecordingSummary::new(header.clone()));
-        Ok(Self { path, output, frames, raw_poses, head, mount, hands: None, summary })
+        Ok(Self { path, whole, output, frames, raw_poses, head, mount, hands: None, summary })
     }
 
     /// Writes a frame, of any length.
@@ -225,14 +236,17 @@ impl RecordingWriter {
         self.output.flush().map_err(|error| write_error(&self.path, error))
     }
 
-    /// Writes the index and ends the file; returns a summary.
+    /// Writes the index, ends the file and passes it to the disk; returns a summary.
     ///
     /// # Errors
     /// The system refuses the bytes.
-    pub fn finish(mut self) -> Result<RecordingSummary, RecordingError> {
-        let ended = self.output.mcap.finish().and_then(|_| Ok(self.output.mcap.into_inner().flush()?));
-        ended.map_err(|error| write_error(&self.path, error))?;
-        Ok(self.summary)
+    pub fn finish(self) -> Result<RecordingSummary, RecordingError> {
+        let Self { path, whole, output, summary, .. } = self;
+        output
+            .end()
+            .and_then(|file| Ok(whole.map_or_else(|| file.sync_all(), |whole| whole.finish(&file))?))
+            .map_err(|error| write_error(&path, error))?;
+        Ok(summary)
     }
 
     /// Starts a new chunk if necessary, and writes the mount before the first event.
@@ -257,6 +271,12 @@ impl Output {
             .disable_seeking(true)
             .create(BufWriter::new(file))?;
         Ok(Self { mcap, chunk: None })
+    }
+
+    fn write_header(&mut self, header: &Header) -> McapResult<()> {
+        self.mcap.write_metadata(&Metadata { name: HEADER_RECORD.into(), metadata: header.to_fields() })?;
+        let truth = header.truth_to_fields();
+        truth.map_or(Ok(()), |metadata| self.mcap.write_metadata(&Metadata { name: TRUTH_RECORD.into(), metadata }))
     }
 
     fn add_channel(&mut self, id: u16, topic: &str, schema: &str, descriptors: &[u8]) -> McapResult<Channel> {
@@ -290,6 +310,12 @@ impl Output {
         self.mcap.flush()
     }
 
+    /// Writes the index; the file, with all bytes passed to the system.
+    fn end(mut self) -> McapResult<File> {
+        self.mcap.finish()?;
+        Ok(self.mcap.into_inner().into_inner().map_err(io::IntoInnerError::into_error)?)
+    }
+
     fn foxglove<M: Encode>(&mut self, channel: &mut Channel, time_ns: i64, message: &M) -> McapResult<()> {
         let mut bytes = Vec::new();
         message.encode(&mut bytes).map_err(|error| io::Error::other(error.to_string()))?;
@@ -311,6 +337,13 @@ impl Output {
             chunk.bytes += bytes.len();
         }
         self.mcap.write_to_known_channel(&header, bytes)
+    }
+}
+
+fn create_error(path: &Path, source: io::Error) -> RecordingError {
+    match source.kind() {
+        io::ErrorKind::AlreadyExists => RecordingError::AlreadyThere(path.to_owned()),
+        _ => RecordingError::Io { doing: "create", path: path.to_owned(), source },
     }
 }
 
@@ -344,14 +377,16 @@ mod tests {
             assert!(chunk.message_end_time - chunk.message_start_time <= CHUNK_NS as u64);
             assert!(chunk.uncompressed_size < 2 * CHUNK_BYTES as u64);
         }
-        assert_eq!(index.metadata_indexes.len(), 2);
+        assert_eq!(index.metadata_indexes.len(), 4);
     }
 
     #[test]
     fn flushed_events_survive_a_crash() {
         let file = TestFile::new();
         let events = events(1);
-        let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
+        let mut writer = RecordingWriter::create_live(&file.0, &header()).unwrap();
+        let second = RecordingWriter::create_live(&file.0, &header()).err().unwrap();
+        assert!(matches!(second, RecordingError::AlreadyThere(_)), "{second}");
         for event in &events {
             writer.write(event).unwrap();
         }

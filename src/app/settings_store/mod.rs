@@ -18,6 +18,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
+use radar_recording::read_small_text;
+
 use self::debounce::{FileDebouncer, FileState, Outcome};
 use super::now_ns;
 use crate::settings::Settings;
@@ -35,9 +37,6 @@ const RECENT: Duration = Duration::from_secs(3);
 /// the latest: a slider sends many. Choice: a pause of the hand; 2 s bound what a crash loses.
 const SAVE_DELAY_NS: i64 = 400_000_000;
 const MAX_SAVE_DELAY_NS: i64 = 2_000_000_000;
-/// Largest settings file, bytes. Choice: the manual with every setting has 13 kB; a link to an
-/// endless file must not fill memory.
-const MAX_FILE_BYTES: u64 = 1 << 20;
 /// Bound of waiting commands. Choice: a slider sends one a frame; the watcher empties the queue in
 /// microseconds.
 const MAX_COMMANDS: usize = 256;
@@ -334,12 +333,7 @@ fn stamp(file: &Path) -> Option<(SystemTime, u64)> {
 }
 
 fn seen(file: &Path) -> FileState {
-    match std::fs::metadata(file) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return FileState::Absent,
-        Ok(metadata) if metadata.len() > MAX_FILE_BYTES => return FileState::Unreadable("it is too long".to_owned()),
-        _ => {}
-    }
-    match std::fs::read_to_string(file) {
+    match read_small_text(file) {
         Ok(text) => FileState::Text(text),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => FileState::Absent,
         Err(error) => FileState::Unreadable(format!("cannot be read: {error}")),

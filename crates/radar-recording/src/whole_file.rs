@@ -1,0 +1,172 @@
+//! Files that appear under their name once they are complete: written to a neighbour in the same folder, passed to the disk,
+//! renamed. A reader never sees half a file, what stood there before survives a failure, and no other name of it (a link) is
+//! written to.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Who may read a new file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Readers {
+    /// Whoever the user's system lets read new files.
+    Usual,
+    /// The user alone: rooms are private. Folders that are made for it are the user's alone as well.
+    Owner,
+}
+
+/// A file under construction; dropped before [`Self::finish`], nothing is left of it.
+#[derive(Debug)]
+pub struct WholeFile {
+    neighbour: PathBuf,
+    path: PathBuf,
+    is_finished: bool,
+}
+
+impl WholeFile {
+    /// A new neighbour of `path`, and the file to write to.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn create(path: &Path, readers: Readers) -> io::Result<(Self, File)> {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_string_lossy();
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        let neighbour = path.with_file_name(format!(".{name}.{}-{number}.tmp", std::process::id()));
+        let file = create_new(&neighbour, readers)?;
+        Ok((Self { neighbour, path: path.to_owned(), is_finished: false }, file))
+    }
+
+    /// Gives the written file its name.
+    ///
+    /// # Errors
+    /// The system refuses; nothing is left then.
+    pub fn finish(mut self, file: &File) -> io::Result<()> {
+        file.sync_all()?;
+        fs::rename(&self.neighbour, &self.path)?;
+        self.is_finished = true;
+        sync_folder(&self.path)
+    }
+}
+
+impl Drop for WholeFile {
+    fn drop(&mut self) {
+        if !self.is_finished {
+            // The failure that led here is the one to report.
+            let _ = fs::remove_file(&self.neighbour);
+        }
+    }
+}
+
+/// Writes a whole file, and makes its folder if need be.
+///
+/// # Errors
+/// The system refuses; what was there before remains.
+pub fn write_whole(path: &Path, bytes: &[u8], readers: Readers) -> io::Result<()> {
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        create_folders(folder, readers)?;
+    }
+    let (whole, mut file) = WholeFile::create(path, readers)?;
+    file.write_all(bytes)?;
+    whole.finish(&file)
+}
+
+/// Creates a file that is not there yet.
+///
+/// # Errors
+/// It is there already, or the system refuses.
+pub fn create_new(path: &Path, readers: Readers) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    if readers == Readers::Owner {
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    }
+    // Elsewhere the user's folders are the user's alone.
+    #[cfg(not(unix))]
+    let _ = readers;
+    options.open(path)
+}
+
+fn create_folders(folder: &Path, readers: Readers) -> io::Result<()> {
+    let mut builder = fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    if readers == Readers::Owner {
+        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    }
+    #[cfg(not(unix))]
+    let _ = readers;
+    builder.create(folder)
+}
+
+/// Without this, a power cut may undo the renaming.
+fn sync_folder(path: &Path) -> io::Result<()> {
+    #[cfg(unix)]
+    if let Some(folder) = path.parent() {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        return File::open(folder)?.sync_all();
+    }
+    let _ = path;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_files::TestFile;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
+        let mut names: Vec<String> = entries.map(|name| name.to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn file_appears_whole_or_not_at_all() {
+        let folder = TestFile::new().0.clone();
+        let path = folder.join("deep/file");
+        write_whole(&path, b"one", Readers::Usual).unwrap();
+        let (unfinished, mut file) = WholeFile::create(&path, Readers::Usual).unwrap();
+        file.write_all(b"two").unwrap();
+        assert_eq!((fs::read(&path).unwrap(), names(path.parent().unwrap()).len()), (b"one".to_vec(), 2));
+        drop(unfinished);
+        assert_eq!(
+            (fs::read(&path).unwrap(), names(path.parent().unwrap())),
+            (b"one".to_vec(), vec!["file".to_owned()])
+        );
+        write_whole(&path, b"two", Readers::Usual).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert!(write_whole(&path.join("below a file"), b"three", Readers::Usual).is_err());
+        assert_eq!(names(path.parent().unwrap()), ["file"]);
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn other_names_of_the_file_keep_their_content() {
+        let folder = TestFile::new().0.clone();
+        let (hard, soft, origin) = (folder.join("hard"), folder.join("soft"), folder.join("origin"));
+        write_whole(&origin, b"one", Readers::Usual).unwrap();
+        fs::hard_link(&origin, &hard).unwrap();
+        std::os::unix::fs::symlink(&origin, &soft).unwrap();
+        for link in [&hard, &soft] {
+            write_whole(link, b"two", Readers::Usual).unwrap();
+            assert_eq!((fs::read(&origin).unwrap(), fs::read(link).unwrap()), (b"one".to_vec(), b"two".to_vec()));
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn rooms_are_the_users_alone() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = TestFile::new().0.clone();
+        write_whole(&folder.join("maps/room"), b"", Readers::Owner).unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o077;
+        assert_eq!((mode(&folder.join("maps")), mode(&folder.join("maps/room"))), (0, 0));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}
