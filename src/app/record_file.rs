@@ -1,5 +1,5 @@
 //! The recording that `record` writes: created once the board has reported its type, in time order,
-//! and flushed every second.
+//! and passed to the disk twice a second.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
@@ -21,9 +21,9 @@ const POSE_WAIT: Duration = Duration::from_millis(500);
 /// Interval of reads of the track, nanoseconds. Choice: a tenth of the time that frames wait for
 /// poses.
 const TRACK_POLL_NS: i64 = 50_000_000;
-/// Interval of flushes, nanoseconds. Choice: a killed program or a power cut costs one second of
-/// the recording; the file system is rarely bothered.
-const FLUSH_NS: i64 = 1_000_000_000;
+/// Interval of flushes, nanoseconds. Choice: with the wait for poses, a killed program or a power cut costs less than a second of
+/// the recording; the disk is rarely bothered.
+const FLUSH_NS: i64 = 400_000_000;
 /// Poses farther from now than this use another clock, nanoseconds. Choice: no writer is this late,
 /// and clocks with another origin differ by hours.
 const MAX_CLOCK_DIFFERENCE_NS: i64 = 10_000_000_000;

@@ -61,6 +61,7 @@ mod chunk;
 mod csv_track;
 mod damage;
 mod damaged_places;
+mod disk_sync;
 mod error;
 mod foxglove_messages;
 mod header;

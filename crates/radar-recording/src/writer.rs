@@ -13,6 +13,7 @@ use foxglove::messages::{FrameTransform, PoseInFrame};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapError, McapResult, WriteOptions};
 
+use super::disk_sync::DiskSync;
 use super::foxglove_messages::{hand_pose, head_transform, mount_transform};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
@@ -75,12 +76,19 @@ struct Output {
     chunk: Option<OpenChunk>,
 }
 
+/// Where a recording is while it is written.
+enum Place {
+    /// Beside its name.
+    Beside(WholeFile),
+    /// Under its name, passed to the disk again and again.
+    Live(DiskSync),
+}
+
 /// Writer of a recording. Dropping it without [`finish`](Self::finish) leaves nothing of a recording that would appear when
 /// finished, and ends a live one properly, but hides errors.
 pub struct RecordingWriter {
     path: PathBuf,
-    /// `None` for one that stands under its name while it is written.
-    whole: Option<WholeFile>,
+    place: Place,
     output: Output,
     frames: Channel,
     raw_poses: Channel,
@@ -101,7 +109,7 @@ impl RecordingWriter {
         let path = path.as_ref();
         header.check_readable()?;
         let (whole, file) = WholeFile::create(path, Readers::Usual).map_err(|source| create_error(path, source))?;
-        Self::start(path, Some(whole), file, header).map_err(|error| write_error(path, error))
+        Self::start(path, Place::Beside(whole), file, header).map_err(|error| write_error(path, error))
     }
 
     /// A recording that stands under its name from the beginning, readable by the user alone: what was written survives a crash.
@@ -111,11 +119,15 @@ impl RecordingWriter {
     pub fn create_live(path: impl AsRef<Path>, header: &Header) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         header.check_readable()?;
-        let file = create_new(path, Readers::Owner).map_err(|source| create_error(path, source))?;
-        Self::start(path, None, file, header).map_err(|error| write_error(path, error))
+        let create = || {
+            let file = create_new(path, Readers::Owner)?;
+            Ok((Place::Live(DiskSync::of(&file)?), file))
+        };
+        let (place, file) = create().map_err(|source| create_error(path, source))?;
+        Self::start(path, place, file, header).map_err(|error| write_error(path, error))
     }
 
-    fn start(path: &Path, whole: Option<WholeFile>, file: File, header: &Header) -> McapResult<Self> {
+    fn start(path: &Path, place: Place, file: File, header: &Header) -> McapResult<Self> {
         let mut output = Output::start(file)?;
         output.write_header(header)?;
         let frames = output.add_channel(FRAME_CHANNEL, FRAME_TOPIC, FRAME_SCHEMA, DESCRIPTORS)?;
@@ -127,7 +139,7 @@ impl RecordingWriter {
         // A copy, so that no damage to one place of the file costs the header.
         output.write_header(header)?;
         let (path, summary) = (path.to_owned(), RecordingSummary::new(header.clone()));
-        Ok(Self { path, whole, output, frames, raw_poses, head, mount, hands: None, summary })
+        Ok(Self { path, place, output, frames, raw_poses, head, mount, hands: None, summary })
     }
 
     /// Writes a frame, of any length.
@@ -228,12 +240,15 @@ impl RecordingWriter {
         self.summary.scenes += 1;
     }
 
-    /// Ends the open chunk and passes it to the system; a later crash does not affect it.
+    /// Ends the open chunk and passes it to the system; a later crash does not affect it. Of a live recording it is passed to the
+    /// disk as well, in the background: soon, a power cut does not affect it either.
     ///
     /// # Errors
-    /// The system refuses the bytes.
+    /// The system refuses the bytes, or the disk refused earlier ones.
     pub fn flush(&mut self) -> Result<(), RecordingError> {
-        self.output.flush().map_err(|error| write_error(&self.path, error))
+        let synced = |place: &Place| if let Place::Live(sync) = place { sync.request() } else { Ok(()) };
+        let flushed = self.output.flush().and_then(|()| Ok(synced(&self.place)?));
+        flushed.map_err(|error| write_error(&self.path, error))
     }
 
     /// Writes the index, ends the file and passes it to the disk; returns a summary.
@@ -241,11 +256,12 @@ impl RecordingWriter {
     /// # Errors
     /// The system refuses the bytes.
     pub fn finish(self) -> Result<RecordingSummary, RecordingError> {
-        let Self { path, whole, output, summary, .. } = self;
-        output
-            .end()
-            .and_then(|file| Ok(whole.map_or_else(|| file.sync_all(), |whole| whole.finish(&file))?))
-            .map_err(|error| write_error(&path, error))?;
+        let Self { path, place, output, summary, .. } = self;
+        let keep = |file: File| match place {
+            Place::Beside(whole) => whole.finish(&file),
+            Place::Live(_) => file.sync_all(),
+        };
+        output.end().and_then(|file| Ok(keep(file)?)).map_err(|error| write_error(&path, error))?;
         Ok(summary)
     }
 
