@@ -1,5 +1,5 @@
 //! The recording that `record` writes: created once the board has reported its type, in time order,
-//! and passed to the disk twice a second.
+//! and passed to the disk three times a second.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
@@ -23,7 +23,7 @@ const POSE_WAIT: Duration = Duration::from_millis(500);
 const TRACK_POLL_NS: i64 = 50_000_000;
 /// Interval of flushes, nanoseconds. Choice: with the wait for poses, a killed program or a power cut costs less than a second of
 /// the recording; the disk is rarely bothered.
-const FLUSH_NS: i64 = 400_000_000;
+const FLUSH_NS: i64 = 300_000_000;
 /// Poses farther from now than this use another clock, nanoseconds. Choice: no writer is this late,
 /// and clocks with another origin differ by hours.
 const MAX_CLOCK_DIFFERENCE_NS: i64 = 10_000_000_000;

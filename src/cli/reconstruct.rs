@@ -138,6 +138,10 @@ impl Reconstruct {
         let selection: Selection = self.selection.parse()?;
         self.check_arguments()?;
         self.replace.check_derived(&self.out, &[&self.file], b"\x93NUMPY")?;
+        if !self.out.exists() {
+            // What the volume is, beside it.
+            self.replace.check(&self.out.with_extension("json"), &[&self.file])?;
+        }
         if let Some(cloud) = &self.cloud {
             self.replace.check_derived(cloud, &[&self.file], b"ply\n")?;
         }

@@ -217,6 +217,9 @@ fn files_that_are_there_are_replaced_only_when_asked() {
         assert_ne!(folder.read("there"), b"mine", "{command}");
         let _ = std::fs::remove_file(folder.path("v.npy"));
     }
+    folder.write("sensor.json", "mine");
+    let command = "reconstruct r.mcap --voxel-m 0.5 --out sensor.npy";
+    folder.run(command).fails_with("sensor.json is there already");
     // Another name of the input is replaced, the input is not.
     for name in ["recover r.mcap --out linked.mcap", "replay r.mcap --set reflectors.voxel_m=0.2 --results linked.mcap"]
     {

@@ -1,8 +1,7 @@
-//! Unpacks one MCAP chunk, complete or truncated. Every claimed size is checked first.
+//! Unpacks one MCAP chunk. Every claimed size is checked first.
 //!
-//! The mcap crate's sans-I/O reader does the unpacking. A complete chunk is checked against its
-//! checksum before any record is returned. A truncated one (the last of a truncated file) gives the
-//! records that its bytes still hold.
+//! The mcap crate's sans-I/O reader does the unpacking. A chunk is checked against its checksum before any record is returned.
+//! Of one that is cut off nothing is taken: what is left of it may be zeros in places, which no checksum shows.
 
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
@@ -11,21 +10,19 @@ use super::record::{chunk_header, op};
 /// Limit of a record, and of an unpacked chunk, bytes. Choice: chunks are written with about 1 MiB.
 pub(super) const MAX_RECORD_BYTES: usize = 32 << 20;
 
-/// Passes each record (opcode, content) of a chunk record to `take`. `claimed_bytes` is the chunk's
-/// length according to the file; with fewer bytes the chunk is truncated.
+/// Passes each record (opcode, content) of a chunk record to `take`.
 ///
 /// # Errors
 /// Why the chunk, or the rest of it, was skipped.
-pub(super) fn unpack(record: &[u8], claimed_bytes: u64, mut take: impl FnMut(u8, &[u8])) -> Result<(), String> {
-    let whole = record.len() as u64 == claimed_bytes;
-    check_chunk_header(record, whole)?;
+pub(super) fn unpack(record: &[u8], mut take: impl FnMut(u8, &[u8])) -> Result<(), String> {
+    check_chunk_header(record)?;
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(whole)
+        .with_prevalidate_chunk_crcs(true)
         .with_record_length_limit(MAX_RECORD_BYTES);
     let mut reader = LinearReader::new_with_options(options);
-    let start: Vec<u8> = std::iter::once(op::CHUNK).chain(claimed_bytes.to_le_bytes()).collect();
+    let start: Vec<u8> = std::iter::once(op::CHUNK).chain((record.len() as u64).to_le_bytes()).collect();
     let mut rest = start.as_slice();
     let mut next = record;
     loop {
@@ -41,14 +38,13 @@ pub(super) fn unpack(record: &[u8], claimed_bytes: u64, mut take: impl FnMut(u8,
                 reader.notify_read(given.len());
                 rest = later;
             }
-            Some(Err(mcap::McapError::UnexpectedEof)) if !whole => return Err("it is cut off".into()),
             Some(Err(error)) => return Err(error.to_string()),
         }
     }
 }
 
 /// Rejects implausible sizes, and everything that the unpacking would trust.
-fn check_chunk_header(record: &[u8], whole: bool) -> Result<(), String> {
+fn check_chunk_header(record: &[u8]) -> Result<(), String> {
     let claims = chunk_header(record).ok_or("its head is cut off or unreadable")?;
     let held_bytes = claims.packed.len() as u64;
     if claims.unpacked_bytes > MAX_RECORD_BYTES as u64 {
@@ -60,18 +56,19 @@ fn check_chunk_header(record: &[u8], whole: bool) -> Result<(), String> {
     if claims.unpacked_bytes == 0 && claims.packed_bytes > 0 {
         return Err(format!("it claims to be empty and holds {} packed bytes", claims.packed_bytes));
     }
-    match claims.compression {
-        "zstd" => {}
-        // Uncompressed records are split by length alone, so bytes beyond the claimed ones would be
-        // taken for records.
-        "" if claims.packed_bytes == held_bytes || (!whole && claims.packed_bytes > held_bytes) => {}
-        "" => return Err(format!("it claims {} bytes and holds {held_bytes}", claims.packed_bytes)),
-        other => return Err(format!("it is packed with {other:?}, which is not read; only zstd is")),
-    }
-    if whole && claims.packed_bytes > held_bytes {
+    // Bytes beyond the claimed ones would be taken for records, or hide the next chunk.
+    if claims.packed_bytes != held_bytes {
         return Err(format!("it claims {} packed bytes and holds {held_bytes}", claims.packed_bytes));
     }
-    Ok(())
+    match claims.compression {
+        "" => Ok(()),
+        "zstd" => match zstd_safe::find_frame_compressed_size(claims.packed) {
+            Ok(frame_bytes) if frame_bytes as u64 == held_bytes => Ok(()),
+            Ok(frame_bytes) => Err(format!("its packed records end after {frame_bytes} of {held_bytes} bytes")),
+            Err(_) => Err("its packed records are cut off or damaged".into()),
+        },
+        other => Err(format!("it is packed with {other:?}, which is not read; only zstd is")),
+    }
 }
 
 #[cfg(test)]
@@ -94,7 +91,7 @@ mod tests {
 
     fn unpacked(chunk: &[u8]) -> (Vec<u8>, Result<(), String>) {
         let mut opcodes = Vec::new();
-        let result = unpack(chunk, chunk.len() as u64, |opcode, _| opcodes.push(opcode));
+        let result = unpack(chunk, |opcode, _| opcodes.push(opcode));
         (opcodes, result)
     }
 

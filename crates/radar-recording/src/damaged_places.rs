@@ -8,34 +8,86 @@ use super::record::{Fields, op};
 /// In the head of a chunk: length and name of its compression.
 const ZSTD: &[u8] = b"\x04\0\0\0zstd";
 /// Bytes from a chunk record's opcode to that: opcode, length, two times, unpacked size, checksum.
-const BYTES_BEFORE_ZSTD: u64 = 1 + 8 + 8 + 8 + 8 + 4;
-/// Bytes of a chunk record up to the end of that.
-pub(super) const CHUNK_START_BYTES: u64 = BYTES_BEFORE_ZSTD + ZSTD.len() as u64;
-/// Bytes of a chunk's content before its packed records.
-const CHUNK_HEAD_BYTES: u64 = 8 + 8 + 8 + 4 + 4 + 4 + 8;
+const BYTES_BEFORE_ZSTD: usize = 1 + 8 + 8 + 8 + 8 + 4;
+/// Bytes of a chunk record up to the end of that, and up to its packed records.
+pub(super) const CHUNK_START_BYTES: u64 = (BYTES_BEFORE_ZSTD + ZSTD.len()) as u64;
+const HEAD_BYTES: usize = BYTES_BEFORE_ZSTD + ZSTD.len() + 8;
+/// Bytes of a record before its content: opcode and length.
+const RECORD_HEAD_BYTES: usize = 9;
 /// Bytes that are searched at a time. Choice: what a disk reads at once.
 const WINDOW_BYTES: usize = 1 << 16;
+/// Bytes that are passed over where the disk cannot be read, and how often. Choice: a sector; each may take seconds.
+const SECTOR_BYTES: u64 = 4096;
+const MAX_BAD_SECTORS: u32 = 256;
+/// Header and truth, and their copies, are this near to the beginning; longest of them, bytes; places that are tried. Choice: many
+/// times what they have.
+const HEADER_REACH_BYTES: u64 = 16 << 20;
+const MAX_HEADER_BYTES: u64 = 4 << 20;
+const MAX_HEADER_PLACES: usize = 64;
 
 /// A place where a chunk record may begin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ChunkPlace {
     /// Offset of its opcode.
     pub start: u64,
-    /// Lengths that its content may have: by its own length field, and by that of its packed records.
+    /// Lengths that its content may have: by that of its packed records, and by its own length field where that differs.
     pub lengths: [Option<u64>; 2],
 }
 
-/// The next place from `from` on whose bytes are those of a chunk's head.
-pub(super) fn next_chunk(input: &mut (impl Read + Seek), from: u64) -> io::Result<Option<ChunkPlace>> {
-    let mut search_from = from.saturating_add(BYTES_BEFORE_ZSTD);
-    while let Some(at) = find(input, ZSTD, search_from)? {
-        let start = at - BYTES_BEFORE_ZSTD;
-        if let Some(place) = chunk_place(input, start)? {
-            return Ok(Some(place));
+/// Searches a file for chunks; keeps what it has read.
+#[derive(Debug, Default)]
+pub(super) struct ChunkSearch {
+    window_at: u64,
+    window: Vec<u8>,
+    bad_sectors: u32,
+}
+
+impl ChunkSearch {
+    /// The next place from `from` on whose bytes are those of a chunk's head.
+    pub fn next(&mut self, input: &mut (impl Read + Seek), from: u64) -> io::Result<Option<ChunkPlace>> {
+        let mut from = from;
+        loop {
+            let end = self.window_at + self.window.len() as u64;
+            if from < self.window_at || from + HEAD_BYTES as u64 > end {
+                from = self.read(input, from)?;
+                if self.window.len() < HEAD_BYTES {
+                    return Ok(None);
+                }
+            }
+            let begin = (from - self.window_at) as usize;
+            let heads = self.window[begin..].windows(HEAD_BYTES).enumerate();
+            let mut heads = heads.filter(|(_, head)| head[BYTES_BEFORE_ZSTD..].starts_with(ZSTD));
+            if let Some(place) = heads.find_map(|(n, head)| chunk_place(from + n as u64, head)) {
+                return Ok(Some(place));
+            }
+            from = self.window_at + (self.window.len() - HEAD_BYTES + 1) as u64;
         }
-        search_from = at + 1;
     }
-    Ok(None)
+
+    /// Reads the window from there on, or from behind what cannot be read; where it begins.
+    fn read(&mut self, input: &mut (impl Read + Seek), mut from: u64) -> io::Result<u64> {
+        self.window = loop {
+            match read_at(input, from, WINDOW_BYTES as u64) {
+                Ok(window) => break window,
+                Err(error) if self.bad_sectors == MAX_BAD_SECTORS => return Err(error),
+                Err(_) => (from, self.bad_sectors) = (from + SECTOR_BYTES, self.bad_sectors + 1),
+            }
+        };
+        self.window_at = from;
+        Ok(from)
+    }
+}
+
+fn chunk_place(start: u64, head: &[u8]) -> Option<ChunkPlace> {
+    let mut fields = Fields(head);
+    let ([opcode], length) = (fields.array()?, fields.u64()?);
+    fields.bytes(HEAD_BYTES - RECORD_HEAD_BYTES - 8)?;
+    let by_packed = fields.u64()?.saturating_add((HEAD_BYTES - RECORD_HEAD_BYTES) as u64);
+    let is_possible = |length: &u64| *length <= MAX_RECORD_BYTES as u64;
+    let own = Some(length).filter(|own| is_possible(own) && *own != by_packed);
+    // One field may be damaged, not all.
+    let is_chunk = opcode == op::CHUNK || length == by_packed;
+    is_chunk.then_some(ChunkPlace { start, lengths: [Some(by_packed).filter(is_possible), own] })
 }
 
 /// Whether a record that is no chunk holds the head of one: then its length is wrong.
@@ -45,62 +97,26 @@ pub(super) fn holds_chunk(record: &[u8]) -> bool {
 
 /// Whether a chunk's content is not as long as its packed records say, or holds the head of another chunk.
 pub(super) fn has_wrong_length(chunk: &[u8]) -> bool {
-    let (head_bytes, start_bytes) = (CHUNK_HEAD_BYTES as usize, CHUNK_START_BYTES as usize - 9);
+    let head_bytes = HEAD_BYTES - RECORD_HEAD_BYTES;
     let packed_bytes = chunk.get(head_bytes - 8..).and_then(|bytes| Fields(bytes).u64());
-    packed_bytes.is_none_or(|packed| packed.saturating_add(CHUNK_HEAD_BYTES) != chunk.len() as u64)
-        || holds_chunk(&chunk[start_bytes..])
+    packed_bytes.is_none_or(|packed| packed.saturating_add(head_bytes as u64) != chunk.len() as u64)
+        || holds_chunk(&chunk[head_bytes - 8..])
 }
 
-fn chunk_place(input: &mut (impl Read + Seek), start: u64) -> io::Result<Option<ChunkPlace>> {
-    let head = read_at(input, start, 9 + CHUNK_HEAD_BYTES)?;
-    let mut fields = Fields(&head);
-    let (Some([opcode]), Some(length)) = (fields.array(), fields.u64()) else { return Ok(None) };
-    let (Some(_), Some(packed_bytes)) = (fields.bytes(CHUNK_HEAD_BYTES as usize - 8), fields.u64()) else {
-        return Ok(None);
-    };
-    let by_packed = packed_bytes.saturating_add(CHUNK_HEAD_BYTES);
-    let is_possible = |length: &u64| *length <= MAX_RECORD_BYTES as u64;
-    let lengths =
-        [Some(length).filter(is_possible), Some(by_packed).filter(|other| is_possible(other) && *other != length)];
-    // One field may be damaged, not all.
-    let is_chunk = opcode == op::CHUNK || length == by_packed;
-    Ok(Some(ChunkPlace { start, lengths }).filter(|_| is_chunk))
-}
-
-/// Content of the first metadata record with this name for which `read` gives something.
+/// What `read` gives for the first metadata record with this name near the beginning for which it gives something.
 pub(super) fn find_metadata<T>(
     input: &mut (impl Read + Seek),
     name: &str,
     read: impl Fn(&[u8]) -> Option<T>,
 ) -> io::Result<Option<T>> {
+    let bytes = read_at(input, 0, HEADER_REACH_BYTES + MAX_HEADER_BYTES)?;
     let pattern = [&(name.len() as u32).to_le_bytes(), name.as_bytes()].concat();
-    let mut search_from = 9;
-    while let Some(at) = find(input, &pattern, search_from)? {
-        let length = Fields(&read_at(input, at - 8, 8)?).u64().unwrap_or(0);
-        if length <= MAX_RECORD_BYTES as u64
-            && let Some(found) = read(&read_at(input, at, length)?)
-        {
-            return Ok(Some(found));
-        }
-        search_from = at + 1;
-    }
-    Ok(None)
-}
-
-/// Offset of the first of these bytes from `from` on.
-fn find(input: &mut (impl Read + Seek), pattern: &[u8], from: u64) -> io::Result<Option<u64>> {
-    let mut at = from;
-    loop {
-        let window = read_at(input, at, WINDOW_BYTES as u64)?;
-        if let Some(found) = window.windows(pattern.len()).position(|bytes| bytes == pattern) {
-            return Ok(Some(at + found as u64));
-        }
-        if window.len() < WINDOW_BYTES {
-            return Ok(None);
-        }
-        // The pattern may lie across two windows.
-        at += (WINDOW_BYTES + 1 - pattern.len()) as u64;
-    }
+    let places = bytes.windows(pattern.len()).enumerate().filter(|(_, at)| *at == pattern).map(|(at, _)| at);
+    let content = |at: usize| -> Option<&[u8]> {
+        let length = Fields(&bytes[at.checked_sub(8)?..]).u64().filter(|length| *length <= MAX_HEADER_BYTES)?;
+        bytes.get(at..at + length as usize)
+    };
+    Ok(places.take(MAX_HEADER_PLACES).filter_map(content).find_map(read))
 }
 
 /// Up to this many bytes from an offset on. Memory grows with what is there, not with what is requested.
@@ -121,14 +137,44 @@ mod tests {
     use super::*;
     use std::io::Cursor;
 
+    fn head(length: u64, packed_bytes: u64) -> Vec<u8> {
+        [&[op::CHUNK], length.to_le_bytes().as_slice(), &[7; 28], ZSTD, &packed_bytes.to_le_bytes()].concat()
+    }
+
     #[test]
-    fn patterns_are_found_across_windows() {
-        for at in [0, 5, WINDOW_BYTES - 8, WINDOW_BYTES - 3, WINDOW_BYTES, 3 * WINDOW_BYTES - 1] {
+    fn chunks_are_found_wherever_their_heads_are() {
+        for at in [0, 5, WINDOW_BYTES - 60, WINDOW_BYTES - 40, WINDOW_BYTES - 3, WINDOW_BYTES, 3 * WINDOW_BYTES - 1] {
             let mut bytes = vec![0; 4 * WINDOW_BYTES];
-            bytes[at..at + ZSTD.len()].copy_from_slice(ZSTD);
-            let mut input = Cursor::new(&bytes);
-            assert_eq!(find(&mut input, ZSTD, 0).unwrap(), Some(at as u64));
-            assert_eq!(find(&mut input, ZSTD, at as u64 + 1).unwrap(), None);
+            let head = head(144, 100);
+            bytes[at..at + head.len()].copy_from_slice(&head);
+            let (mut input, mut search) = (Cursor::new(&bytes), ChunkSearch::default());
+            let place = ChunkPlace { start: at as u64, lengths: [Some(144), None] };
+            assert_eq!(search.next(&mut input, 0).unwrap(), Some(place), "{at}");
+            assert_eq!(search.next(&mut input, at as u64).unwrap(), Some(place), "{at}");
+            assert_eq!(search.next(&mut input, at as u64 + 1).unwrap(), None, "{at}");
         }
+    }
+
+    #[test]
+    fn unreadable_sectors_are_passed_over() {
+        struct Disk(Cursor<Vec<u8>>);
+        impl Seek for Disk {
+            fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+                self.0.seek(to)
+            }
+        }
+        impl Read for Disk {
+            fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+                match self.0.position() < 3 * SECTOR_BYTES {
+                    true => Err(io::Error::other("bad sector")),
+                    false => self.0.read(into),
+                }
+            }
+        }
+        let mut bytes = vec![0; 5 * SECTOR_BYTES as usize];
+        bytes.extend(head(144, 100));
+        let mut disk = Disk(Cursor::new(bytes));
+        let found = ChunkSearch::default().next(&mut disk, 8).unwrap();
+        assert_eq!(found.map(|place| place.start), Some(5 * SECTOR_BYTES));
     }
 }

@@ -1,7 +1,8 @@
 //! Passes a growing file to the disk on a thread of its own: a disk may take a second, and a stream does not wait.
 
-use std::fs::File;
+use std::fs::OpenOptions;
 use std::io;
+use std::path::Path;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
@@ -15,9 +16,10 @@ pub(super) struct DiskSync {
 }
 
 impl DiskSync {
-    /// For a file that is written elsewhere.
-    pub fn of(file: &File) -> io::Result<Self> {
-        let file = file.try_clone()?;
+    /// For a file that is written elsewhere. It is opened once more: Windows lets a handle do one thing at a time, and Linux
+    /// reports a failed write to each.
+    pub fn of(path: &Path) -> io::Result<Self> {
+        let file = OpenOptions::new().write(true).open(path)?;
         Self::start(move || file.sync_data())
     }
 
@@ -46,12 +48,23 @@ impl DiskSync {
             // One that waits already is enough.
             let _ = requests.try_send(());
         }
+        self.failed()
+    }
+
+    /// Waits until what was requested is done.
+    ///
+    /// # Errors
+    /// A request failed.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.end();
+        self.failed()
+    }
+
+    fn failed(&self) -> io::Result<()> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
     }
-}
 
-impl Drop for DiskSync {
-    fn drop(&mut self) {
+    fn end(&mut self) {
         self.requests = None;
         if let Some(thread) = self.thread.take() {
             // A panic was reported on its thread.
@@ -60,25 +73,39 @@ impl Drop for DiskSync {
     }
 }
 
+impl Drop for DiskSync {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicU32, Ordering};
 
-    #[test]
-    fn what_was_requested_is_done_before_the_end_and_failures_are_reported() {
+    /// Counts what is done; the first time, `first` decides.
+    fn counted(first: fn() -> io::Result<()>) -> (DiskSync, Arc<AtomicU32>) {
         let done = Arc::new(AtomicU32::new(0));
         let count = Arc::clone(&done);
-        let sync = DiskSync::start(move || match count.fetch_add(1, Ordering::Relaxed) {
-            0 => Err(io::Error::other("the disk is gone")),
-            _ => Ok(()),
-        })
-        .unwrap();
-        let failed = std::iter::repeat_with(|| sync.request()).find(Result::is_err).unwrap();
-        assert!(failed.unwrap_err().to_string().contains("gone"));
-        let before = done.load(Ordering::Relaxed);
+        let sync = move || if count.fetch_add(1, Ordering::Relaxed) == 0 { first() } else { Ok(()) };
+        (DiskSync::start(sync).unwrap(), done)
+    }
+
+    #[test]
+    fn what_was_requested_is_done_before_the_end() {
+        let (sync, done) = counted(|| Ok(()));
         sync.request().unwrap();
-        drop(sync);
-        assert!(done.load(Ordering::Relaxed) > before || before > 1);
+        sync.finish().unwrap();
+        assert_eq!(done.load(Ordering::Relaxed), 1);
+    }
+
+    #[test]
+    fn failure_is_reported_once_at_the_latest_at_the_end() {
+        let (sync, _) = counted(|| Err(io::Error::other("the disk is gone")));
+        let requested = sync.request();
+        let finished = sync.finish();
+        let reported = [requested, finished].into_iter().filter(Result::is_err).count();
+        assert_eq!(reported, 1);
     }
 }

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use super::chunk::{MAX_RECORD_BYTES, unpack};
 use super::damaged_places::{
-    CHUNK_START_BYTES, find_metadata, has_wrong_length, holds_chunk, next_chunk, read_at, read_up_to,
+    CHUNK_START_BYTES, ChunkSearch, find_metadata, has_wrong_length, holds_chunk, read_at, read_up_to,
 };
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
@@ -76,15 +76,19 @@ struct RecordSource {
     sound_until: u64,
     /// Over all bytes so far; `None` once some were passed over.
     checksum: Option<crc32fast::Hasher>,
-    /// Bytes that may still be read in search of chunks.
+    file_bytes: u64,
+    search: ChunkSearch,
+    /// Bytes that may still be read in search of whole chunks.
     reread_bytes: u64,
+    /// From here on there is no whole chunk.
+    barren_from: u64,
 }
 
 #[derive(Debug)]
 enum FetchedRecord {
     Record(u8, Vec<u8>),
-    /// The file ends inside a record with this claimed length.
-    Cut(u8, Vec<u8>, u64),
+    /// The file ends inside a record.
+    Cut,
     /// The file ends between records.
     End,
     Broken(String),
@@ -155,14 +159,9 @@ impl Recording {
         }
         let at = self.source.record_start;
         match fetched {
-            FetchedRecord::Record(op::CHUNK, record) => match self.content.take_chunk(&record, record.len() as u64) {
+            FetchedRecord::Record(op::CHUNK, record) => match self.content.take_chunk(&record) {
                 Ok(()) => self.source.sound_until = self.source.offset,
-                Err(reason) => {
-                    self.content.damage.chunk(format!("a chunk cannot be read: {reason}"));
-                    if has_wrong_length(&record) {
-                        self.go_on_behind(at, Some(record.len() as u64), "a chunk's length is wrong");
-                    }
-                }
+                Err(reason) => self.pass_over_chunk(at, &record, &reason),
             },
             FetchedRecord::Record(op::DATA_END, record) if record.len() == DATA_END_BYTES => {
                 self.data_ended = true;
@@ -177,9 +176,8 @@ impl Recording {
             FetchedRecord::Record(opcode, _) => {
                 self.go_on_or_end(at, &format!("a record of kind {opcode} is out of place"))
             }
-            FetchedRecord::Cut(opcode, record, claimed_bytes) => {
-                if !self.go_on_behind(at, None, "a record's length is wrong") {
-                    self.content.take_cut(opcode, &record, claimed_bytes);
+            FetchedRecord::Cut => {
+                if self.go_on_behind(at, None, "a record's length is wrong").is_none() {
                     self.end_early(format!("the file ends in the middle of a record at byte {at}"));
                 }
             }
@@ -195,31 +193,42 @@ impl Recording {
             FetchedRecord::Record(op::FOOTER, _) => self.ended = true,
             FetchedRecord::Record(op::STATISTICS, record) => self.stated = message_counts(&record),
             FetchedRecord::Record(..) => {}
-            FetchedRecord::Cut(..) => self.end_early(format!("the file ends in the middle of a record at byte {at}")),
+            FetchedRecord::Cut => self.end_early(format!("the file ends in the middle of a record at byte {at}")),
             FetchedRecord::End => self.end_early(format!("the file ends at byte {at} without its closing index")),
             FetchedRecord::Broken(reason) => self.end_early(format!("reading stopped at byte {at}: {reason}")),
         }
     }
 
+    /// Of a chunk that cannot be read the length may be wrong: it may be whole with another, or hold other chunks.
+    fn pass_over_chunk(&mut self, at: u64, record: &[u8], reason: &str) {
+        let found = match has_wrong_length(record) {
+            true => self.go_on_behind(at, Some(record.len() as u64), "a chunk's length is wrong"),
+            false => None,
+        };
+        if found != Some(at) {
+            self.content.damage.chunk(format!("a chunk cannot be read: {reason}"));
+        }
+    }
+
     fn go_on_or_end(&mut self, at: u64, reason: &str) {
-        if !self.go_on_behind(at, None, reason) {
+        if self.go_on_behind(at, None, reason).is_none() {
             self.end_early(format!("reading stopped at byte {at}: {reason}"));
         }
     }
 
-    /// Goes on at the first whole chunk from `from` on. `failed`: length with which the chunk there was tried. False: there is
-    /// none, and reading goes on where it was.
-    fn go_on_behind(&mut self, from: u64, failed: Option<u64>, reason: &str) -> bool {
+    /// Goes on at the first whole chunk from `from` on, and gives where that begins. `failed`: length with which the chunk there
+    /// was tried. `None`: there is none, and reading goes on where it was.
+    fn go_on_behind(&mut self, from: u64, failed: Option<u64>, reason: &str) -> Option<u64> {
         let behind = self.source.offset;
         let Ok(Some((start, end))) = self.source.whole_chunk(from, failed, &mut self.content) else {
             self.source.go_to(behind);
-            return false;
+            return None;
         };
         let passed_from = if failed.is_some_and(|length| from + 9 + length <= start) { behind } else { from };
         self.content.damage.skip(start.saturating_sub(passed_from), format!("at byte {from}, {reason}"));
         self.source.sound_until = end;
         self.source.go_to(end);
-        true
+        Some(start)
     }
 
     fn end_early(&mut self, reason: String) {
@@ -250,18 +259,8 @@ impl Content {
         Self { topics: topics.into_iter().chain(others).collect(), events: VecDeque::new(), damage: Damage::default() }
     }
 
-    /// Takes a chunk; with fewer bytes than claimed it is truncated.
-    fn take_chunk(&mut self, record: &[u8], claimed_bytes: u64) -> Result<(), String> {
-        unpack(record, claimed_bytes, |opcode, record| self.take_plain(opcode, record))
-    }
-
-    /// Takes the record in which the file ends.
-    fn take_cut(&mut self, opcode: u8, record: &[u8], claimed_bytes: u64) {
-        if opcode == op::CHUNK
-            && let Err(reason) = self.take_chunk(record, claimed_bytes)
-        {
-            self.damage.chunk(format!("a chunk cannot be read: {reason}"));
-        }
+    fn take_chunk(&mut self, record: &[u8]) -> Result<(), String> {
+        unpack(record, |opcode, record| self.take_plain(opcode, record))
     }
 
     /// What was taken so far, to go back to.
@@ -322,8 +321,18 @@ impl RecordSource {
     fn new(input: BufReader<File>, start: &[u8], path: &Path) -> io::Result<Self> {
         let mut checksum = crc32fast::Hasher::new();
         checksum.update(start);
-        let reread_bytes = std::fs::metadata(path)?.len().saturating_mul(REREADS);
-        Ok(Self { input, offset: 8, record_start: 8, sound_until: 8, checksum: Some(checksum), reread_bytes })
+        let file_bytes = std::fs::metadata(path)?.len();
+        Ok(Self {
+            input,
+            offset: 8,
+            record_start: 8,
+            sound_until: 8,
+            checksum: Some(checksum),
+            file_bytes,
+            search: ChunkSearch::default(),
+            reread_bytes: file_bytes.saturating_mul(REREADS),
+            barren_from: u64::MAX,
+        })
     }
 
     /// Reads on where it was, after a search.
@@ -361,18 +370,20 @@ impl RecordSource {
 
     /// Takes the first whole chunk from `from` on; its beginning and end. Chunks that are not whole are counted.
     fn whole_chunk(&mut self, from: u64, failed: Option<u64>, content: &mut Content) -> io::Result<Option<(u64, u64)>> {
-        let mut search_from = from.saturating_sub(CHUNK_START_BYTES).max(self.sound_until);
-        while let Some(place) = next_chunk(&mut self.input, search_from)? {
-            let is_failed = |length: &u64| place.start == from && failed == Some(*length);
-            for length in place.lengths.into_iter().flatten().filter(|length| !is_failed(length)) {
-                if length > self.reread_bytes {
-                    return Ok(None);
+        let search_from = from.saturating_sub(CHUNK_START_BYTES).max(self.sound_until);
+        let mut next = search_from;
+        while next < self.barren_from
+            && let Some(place) = self.search.next(&mut self.input, next)?
+        {
+            for length in place.lengths.into_iter().flatten() {
+                let (begin, is_failed) = (place.start + 9, place.start == from && failed == Some(length));
+                if is_failed || length > self.reread_bytes || begin + length > self.file_bytes {
+                    continue;
                 }
                 self.reread_bytes -= length;
-                let begin = place.start + 9;
                 let record = read_at(&mut self.input, begin, length)?;
                 let before = content.state();
-                if record.len() as u64 == length && content.take_chunk(&record, length).is_ok() {
+                if content.take_chunk(&record).is_ok() {
                     return Ok(Some((place.start, begin + length)));
                 }
                 content.go_back(before);
@@ -380,8 +391,9 @@ impl RecordSource {
             if place.start != from {
                 content.damage.chunk(format!("the chunk at byte {} cannot be read", place.start));
             }
-            search_from = place.start + 1;
+            next = place.start + 1;
         }
+        self.barren_from = self.barren_from.min(search_from);
         Ok(None)
     }
 
@@ -400,7 +412,7 @@ impl RecordSource {
         let (opcode, length) = match (fields.array(), fields.u64()) {
             (Some([opcode]), Some(length)) => (opcode, length),
             (None, _) => return Ok(FetchedRecord::End),
-            (Some([opcode]), None) => return Ok(FetchedRecord::Cut(opcode, Vec::new(), 1)),
+            (Some(_), None) => return Ok(FetchedRecord::Cut),
         };
         if opcode == op::INVALID {
             return Ok(FetchedRecord::Broken("there are zeros where a record should begin".into()));
@@ -414,7 +426,7 @@ impl RecordSource {
         self.count(&record, is_counted);
         Ok(match record.len() as u64 == length {
             true => FetchedRecord::Record(opcode, record),
-            false => FetchedRecord::Cut(opcode, record, length),
+            false => FetchedRecord::Cut,
         })
     }
 
@@ -460,7 +472,7 @@ fn read_header(
             (_, Some(_)) => break header.map(|header| (header, fetched)).ok_or_else(|| no_header("nothing")),
             (FetchedRecord::Record(..), None) => return Err(no_header("messages begin without it")),
             (FetchedRecord::Broken(reason), None) => return Err(no_header(reason)),
-            (FetchedRecord::Cut(..) | FetchedRecord::End, None) => return Err(no_header("the file ends there")),
+            (FetchedRecord::Cut | FetchedRecord::End, None) => return Err(no_header("the file ends there")),
         }
     }
 }
@@ -635,7 +647,7 @@ mod tests {
         let of = |chunk: &mcap::records::ChunkIndex| {
             let (start, length) = (chunk.chunk_start_offset as usize, chunk.chunk_length as usize);
             let mut content = Content::new();
-            content.take_chunk(&bytes[start + 9..start + length], length as u64 - 9).unwrap();
+            content.take_chunk(&bytes[start + 9..start + length]).unwrap();
             (start..start + length, content.events.iter().map(|event| format!("{event:?}")).collect())
         };
         let mut chunks: Vec<_> = index.chunk_indexes.iter().map(of).collect();
@@ -643,7 +655,7 @@ mod tests {
         chunks
     }
 
-    /// Every chunk is there, but for some of those that may be lost, or a part of them; nothing is made up.
+    /// Every chunk is there, but for some of those that may be lost; nothing is made up.
     fn check_chunks(
         chunks: &[(Range<usize>, Vec<String>)],
         found: &[Event],
@@ -658,8 +670,6 @@ mod tests {
                 continue;
             }
             assert!(may_be_lost(range), "{place}: {range:?} is lost");
-            // The chunk in which a file ends gives what is whole of it.
-            rest = &rest[events.iter().zip(rest).take_while(|(a, b)| a == b).count()..];
         }
         assert_eq!(rest.len(), 0, "{place}: made up");
     }
@@ -694,6 +704,48 @@ mod tests {
             let (found, recording) = read(&disk).unwrap_or_else(|error| panic!("{place}: {error}"));
             assert_eq!(recording.header(), &header(), "{place}");
             check_chunks(&chunks, &found, |range| range.end > synced, &format!("{place}: {}", recording.damage()));
+        }
+    }
+
+    #[test]
+    fn no_bit_of_a_chunks_head_or_of_what_is_between_chunks_costs_another_chunk() {
+        let bytes = recorded(&events(4));
+        let chunks = chunks(&bytes);
+        let heads = chunks.iter().flat_map(|chunk| chunk.0.start..chunk.0.start + 61);
+        let of_heads = heads.flat_map(|at| (0..8).map(move |bit| (at, bit)));
+        let behind = chunks.iter().map(|chunk| chunk.0.end).zip(chunks.iter().skip(1).map(|chunk| chunk.0.start));
+        let between = behind.flat_map(|(end, next)| (end..next).step_by(7)).map(|at| (at, at % 8));
+        for (at, bit) in of_heads.chain(between) {
+            let mut flipped = bytes.clone();
+            flipped[at] ^= 1 << bit;
+            let (found, recording) = read(&flipped).unwrap_or_else(|error| panic!("byte {at}, bit {bit}: {error}"));
+            assert!(!recording.damage().is_none(), "byte {at}, bit {bit}: unnoticed");
+            let place = format!("byte {at}, bit {bit}: {}", recording.damage());
+            check_chunks(&chunks, &found, |range| range.contains(&at), &place);
+        }
+    }
+
+    #[test]
+    fn hostile_files_are_read_in_linear_time() {
+        let sound = recorded(&events(1));
+        let header_end = chunks(&sound)[0].0.start;
+        let empty_chunk = [&[op::CHUNK][..], &[0; 8]].concat();
+        let head = [&[op::CHUNK][..], &u64::MAX.to_le_bytes(), &[7; 28], b"\x04\0\0\0zstd", &[0xff; 8]].concat();
+        let large = [&[op::CHUNK][..], &(1u64 << 20).to_le_bytes(), &[7; 28], b"\x04\0\0\0zstd", &[0; 8]].concat();
+        let metadata = [&(1u64 << 22).to_le_bytes()[..], b"\x0f\0\0\0radar_chaperone"].concat();
+        for (start, repeated) in [
+            (header_end, empty_chunk),
+            (header_end, head),
+            (header_end, large),
+            (8, metadata),
+            (8, b"\x04\0\0\0zstd".to_vec()),
+        ] {
+            // A search for each of them would take hours.
+            let mut bytes = sound[..start].to_vec();
+            bytes.extend(repeated.iter().cycle().take(4 << 20));
+            if let Ok((events, recording)) = read(&bytes) {
+                assert!(events.is_empty() && !recording.damage().is_none());
+            }
         }
     }
 

@@ -32,10 +32,15 @@ impl WholeFile {
     pub fn create(path: &Path, readers: Readers) -> io::Result<(Self, File)> {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_string_lossy();
-        let number = NEXT.fetch_add(1, Ordering::Relaxed);
-        let neighbour = path.with_file_name(format!(".{name}.{}-{number}.tmp", std::process::id()));
-        let file = create_new(&neighbour, readers)?;
-        Ok((Self { neighbour, path: path.to_owned(), is_finished: false }, file))
+        loop {
+            let number = NEXT.fetch_add(1, Ordering::Relaxed);
+            let neighbour = path.with_file_name(format!(".{name}.{}-{number}.tmp", std::process::id()));
+            match create_new(&neighbour, readers) {
+                // One that a killed process of the same number left.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                file => return Ok((Self { neighbour, path: path.to_owned(), is_finished: false }, file?)),
+            }
+        }
     }
 
     /// Gives the written file its name.
@@ -46,7 +51,8 @@ impl WholeFile {
         file.sync_all()?;
         fs::rename(&self.neighbour, &self.path)?;
         self.is_finished = true;
-        sync_folder(&self.path)
+        sync_folder(&self.path);
+        Ok(())
     }
 }
 
@@ -101,15 +107,16 @@ fn create_folders(folder: &Path, readers: Readers) -> io::Result<()> {
     builder.create(folder)
 }
 
-/// Without this, a power cut may undo the renaming.
-fn sync_folder(path: &Path) -> io::Result<()> {
+/// Passes a file's name to the disk: without this, a power cut may undo that it was created or renamed. Some network folders
+/// cannot, and the file is there all the same.
+pub(super) fn sync_folder(path: &Path) {
     #[cfg(unix)]
     if let Some(folder) = path.parent() {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        return File::open(folder)?.sync_all();
+        let _ = File::open(folder).and_then(|folder| folder.sync_all());
     }
+    #[cfg(not(unix))]
     let _ = path;
-    Ok(())
 }
 
 #[cfg(test)]
@@ -140,6 +147,16 @@ mod tests {
         write_whole(&path, b"two", Readers::Usual).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert!(write_whole(&path.join("below a file"), b"three", Readers::Usual).is_err());
+        // What a killed process has left is in nobody's way.
+        let (unfinished, _) = WholeFile::create(&path, Readers::Usual).unwrap();
+        let number: u64 = unfinished.neighbour.to_str().unwrap().rsplit(['-', '.']).nth(1).unwrap().parse().unwrap();
+        let stale =
+            (number + 1..number + 200).map(|n| path.with_file_name(format!(".file.{}-{n}.tmp", std::process::id())));
+        let stale: Vec<PathBuf> = stale.collect();
+        stale.iter().for_each(|stale| fs::write(stale, b"").unwrap());
+        write_whole(&path, b"two", Readers::Usual).unwrap();
+        stale.iter().for_each(|stale| fs::remove_file(stale).unwrap());
+        drop(unfinished);
         assert_eq!(names(path.parent().unwrap()), ["file"]);
         fs::remove_dir_all(&folder).unwrap();
     }

@@ -21,7 +21,7 @@ use super::message::{
     HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_hands,
     encode_pose,
 };
-use super::whole_file::{Readers, WholeFile, create_new};
+use super::whole_file::{Readers, WholeFile, create_new, sync_folder};
 use super::{RecordingError, RecordingSummary};
 use a121::Frame;
 use radar_mapping::HandsSample;
@@ -121,7 +121,8 @@ impl RecordingWriter {
         header.check_readable()?;
         let create = || {
             let file = create_new(path, Readers::Owner)?;
-            Ok((Place::Live(DiskSync::of(&file)?), file))
+            sync_folder(path);
+            Ok((Place::Live(DiskSync::of(path)?), file))
         };
         let (place, file) = create().map_err(|source| create_error(path, source))?;
         Self::start(path, place, file, header).map_err(|error| write_error(path, error))
@@ -259,7 +260,7 @@ impl RecordingWriter {
         let Self { path, place, output, summary, .. } = self;
         let keep = |file: File| match place {
             Place::Beside(whole) => whole.finish(&file),
-            Place::Live(_) => file.sync_all(),
+            Place::Live(sync) => sync.finish().and_then(|()| file.sync_all()),
         };
         output.end().and_then(|file| Ok(keep(file)?)).map_err(|error| write_error(&path, error))?;
         Ok(summary)
