@@ -683,7 +683,7 @@ mod tests {
         let mut state = 7u32;
         let mut random = move |below: usize| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (u64::from(state) * below as u64 >> 32) as usize
+            ((u64::from(state) * below as u64) >> 32) as usize
         };
         let first = chunks[0].0.end;
         for _ in 0..1500 {
@@ -749,12 +749,15 @@ mod tests {
         }
     }
 
+    /// Harms a file at a byte; how many bytes it hits. The number decides on the bit.
+    type Harm = fn(&mut Vec<u8>, usize, u32) -> usize;
+
     #[test]
     fn every_chunk_that_is_not_hit_is_read() {
         let bytes = recorded(&events(6));
         let chunks = chunks(&bytes);
         assert!(chunks.len() >= 7, "topics, and one a second");
-        let harms: [fn(&mut Vec<u8>, usize, u32) -> usize; 3] = [
+        let harms: [Harm; 3] = [
             |bytes, at, n| {
                 bytes[at] ^= 1 << (n % 8);
                 1
@@ -774,7 +777,7 @@ mod tests {
             let mut state = 1u32;
             for n in 0..1000 {
                 state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                let at = (u64::from(state) * bytes.len() as u64 >> 32) as usize;
+                let at = ((u64::from(state) * bytes.len() as u64) >> 32) as usize;
                 let mut harmed = bytes.clone();
                 let hit = at..at + harm(&mut harmed, at, n);
                 let place = format!("harm {kind} at byte {at} of {}", bytes.len());
