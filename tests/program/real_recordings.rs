@@ -38,7 +38,7 @@ fn recordings_without_poses_import_and_replay_reports_missing_poses() {
     let folder = Folder::new("vendor");
     for name in ["corner-reflector", "distance_fixed_strength", "input", "fr10Hz-spf4"] {
         folder.copy_real(&format!("{name}.h5"));
-        folder.run(&format!("import {name}.h5 --out r.mcap")).succeeds().prints("Damage     none");
+        folder.run(&format!("import {name}.h5 --out r.mcap --force")).succeeds().prints("Damage     none");
         folder.run("info r.mcap").succeeds().prints(&format!("import of {name}.h5"));
         folder.run("replay r.mcap").succeeds().prints("No sweep has a pose").prints("\n0 obstacles, 0 walls\n");
     }
@@ -77,7 +77,7 @@ fn first_and_last_frames_are_those_of_another_reader() {
     let folder = Folder::new("first_and_last");
     for (name, count, ticks_per_second, first, last) in FIRST_AND_LAST {
         folder.copy_real(&format!("{name}.h5"));
-        folder.run(&format!("import {name}.h5 --out r.mcap")).succeeds();
+        folder.run(&format!("import {name}.h5 --out r.mcap --force")).succeeds();
         let mut recording = Recording::open(folder.path("r.mcap")).unwrap();
         let frame = |event| if let Event::Frame(frame) = event { Some(frame) } else { None };
         let frames: Vec<Frame> = recording.by_ref().filter_map(frame).collect();
