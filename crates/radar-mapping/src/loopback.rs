@@ -1,12 +1,21 @@
 //! Range bias of the module, from a subsweep that loops the transmitter back to the receiver.
 
+use std::ops::RangeInclusive;
+
 use a121::{Frame, FrameLayout, Profile, SensorConfig, Subsweep};
 use num_complex::Complex64;
 
+/// Chip temperatures for which [`range_bias_m`] holds, °C. Source: there.
+const TEMPERATURES_C: RangeInclusive<i16> = -25..=44;
+
 /// Where the peak of the loopback lies in a frame's mean over its sweeps, metres. `None` when no loopback subsweep was
-/// recorded, or its peak is not within its points: a single point beside echoes is a reference for the phase.
+/// recorded, its peak is not within its points (a single point beside echoes is a reference for the phase), or the chip is too
+/// warm or too cold for [`range_bias_m`].
 pub(crate) fn loopback_peak_m(config: &SensorConfig, layout: &FrameLayout, frame: &Frame) -> Option<f64> {
     let index = config.subsweeps.iter().position(|subsweep| subsweep.enable_loopback)?;
+    if !TEMPERATURES_C.contains(&frame.temperature_c) {
+        return None;
+    }
     let subsweep = &config.subsweeps[index];
     let mut sums = vec![Complex64::default(); subsweep.num_points as usize];
     for sweep in layout.sweeps(frame)?.filter(|sweep| sweep.subsweep == index) {
@@ -66,6 +75,8 @@ mod tests {
             let session = play.prepare().unwrap();
             let frame = &session.frames(0..1)[0];
             let config = &play.config;
+            let hot = Frame { temperature_c: 60, ..frame.clone() };
+            assert_eq!(loopback_peak_m(config, &FrameLayout::of(config), &hot), None);
             let peak_m = loopback_peak_m(config, &FrameLayout::of(config), frame).unwrap();
             let error_m = range_bias_m(peak_m, &config.subsweeps[1]) - session.range_bias_m(1);
             assert!(error_m.abs() < 0.5e-3, "{seed}: {error_m}");

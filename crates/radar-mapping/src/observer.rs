@@ -300,8 +300,11 @@ impl Observer {
 
     /// Corrects the ranges by the first loopback, before any observation has them.
     fn measure_loopback(&mut self, frame: &Frame) {
-        if self.loopback_m.is_none() && self.counters.observations == 0 {
-            self.loopback_m = loopback_peak_m(&self.config, &self.layout, frame);
+        if self.loopback_m.is_none()
+            && self.counters.observations == 0
+            && let Some(peak_m) = loopback_peak_m(&self.config, &self.layout, frame)
+        {
+            self.loopback_m = Some(peak_m);
             self.geometries = geometries(&self.config, &self.layout, self.loopback_m);
         }
     }

@@ -72,6 +72,7 @@ mod reader;
 #[cfg(test)]
 mod real_scenes;
 mod record;
+mod record_source;
 mod results;
 mod small_file;
 mod summary;
