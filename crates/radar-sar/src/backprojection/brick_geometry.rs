@@ -18,6 +18,10 @@ pub const EDGE: usize = 4;
 /// Voxels in a brick.
 pub const VOXELS: usize = EDGE * EDGE * EDGE;
 
+/// By how much less than a window's entries a brick may span. The window begins up to one entry
+/// before the nearest voxel, which costs one; the rest covers rounding.
+const SPARE_ENTRIES: f32 = 1.25;
+
 /// Voxels of one size, and derived lengths.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BrickShape {
@@ -106,6 +110,9 @@ pub(super) struct Sight {
     pub edge: u16,
     /// Lanes whose table entries over the brick fit a wide window.
     pub wide: u16,
+    /// Lanes whose window needs only its first eight entries, or sixteen.
+    pub within_8: u16,
+    pub within_16: u16,
     /// Unit vector from the sensor, when it sampled points at the brick's range, to the brick's
     /// centre.
     pub toward: [[f32; LANES]; 3],
@@ -197,6 +204,8 @@ impl Sight {
             inside,
             edge: s.mask_bits(some) & !inside,
             wide: s.mask_bits(fits_wide),
+            within_8: s.mask_bits(s.at_most(span, s.splat(8.0 - SPARE_ENTRIES))),
+            within_16: s.mask_bits(s.at_most(span, s.splat(16.0 - SPARE_ENTRIES))),
             toward: store3(s, toward),
             offset_from_pose_m: store3(s, from_pose),
             distance_m: s.store(distance),

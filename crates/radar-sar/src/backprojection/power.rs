@@ -114,7 +114,8 @@ fn widen<S: Lanes>(s: S, sums: &mut [S::I; EDGE], into: &mut [i64; VOXELS]) {
     }
 }
 
-/// All voxels are within range and beam: the window of the table is in registers.
+/// All voxels are within range and beam: the window of the table is in registers. The fewer entries
+/// it needs, the fewer permutes where registers have eight lanes.
 #[inline(always)]
 pub(super) fn add_inside<S: Lanes>(
     s: S,
@@ -125,8 +126,28 @@ pub(super) fn add_inside<S: Lanes>(
     offsets: &Offsets<S>,
     sums: &mut [S::I; EDGE],
 ) {
+    if sight.within_8 >> l & 1 == 1 {
+        add_from::<S, 8>(s, sight, l, table, stride, offsets, sums);
+    } else if sight.within_16 >> l & 1 == 1 {
+        add_from::<S, 16>(s, sight, l, table, stride, offsets, sums);
+    } else {
+        add_from::<S, WINDOW>(s, sight, l, table, stride, offsets, sums);
+    }
+}
+
+/// The same, from a window of N entries.
+#[inline(always)]
+fn add_from<S: Lanes, const N: usize>(
+    s: S,
+    sight: &Sight,
+    l: usize,
+    table: &[f32],
+    stride: usize,
+    offsets: &Offsets<S>,
+    sums: &mut [S::I; EDGE],
+) {
     let first = sight.window[l] as usize;
-    let (Some(values), Some(slopes)) = (window(table, first), window(table, stride + first)) else { return };
+    let (Some(values), Some(slopes)) = (window::<N>(table, first), window::<N>(table, stride + first)) else { return };
     let [ux, uy, uz] = lane3(s, &sight.toward, l);
     let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
     let (half, half2) = (s.splat(sight.half_per_m[l]), s.splat(sight.half_per_m2[l]));
@@ -143,7 +164,7 @@ pub(super) fn add_inside<S: Lanes>(
 }
 
 #[inline(always)]
-pub(super) fn window(table: &[f32], first: usize) -> Option<&[f32; WINDOW]> {
+pub(super) fn window<const N: usize>(table: &[f32], first: usize) -> Option<&[f32; N]> {
     table.get(first..)?.first_chunk()
 }
 

@@ -128,7 +128,14 @@ impl AddWeighted<'_> {
             while inside != 0 {
                 let l = inside.trailing_zeros() as usize;
                 inside &= inside - 1;
-                self.add_inside::<S, PLANES>(s, group, &sight, &beam, &phase, l, &offsets, &mut gathered);
+                let of = (&sight, &beam, &phase);
+                if sight.within_8 >> l & 1 == 1 {
+                    self.add_inside::<S, PLANES, 8>(s, group, of, l, &offsets, &mut gathered);
+                } else if sight.within_16 >> l & 1 == 1 {
+                    self.add_inside::<S, PLANES, 16>(s, group, of, l, &offsets, &mut gathered);
+                } else {
+                    self.add_inside::<S, PLANES, WINDOW>(s, group, of, l, &offsets, &mut gathered);
+                }
             }
             while edge != 0 {
                 let l = edge.trailing_zeros() as usize;
@@ -153,22 +160,20 @@ impl AddWeighted<'_> {
         WeightedValues { values, updates }
     }
 
+    /// Voxels of a sweep that sees them all; the tables' windows have N entries.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments)]
-    fn add_inside<S: Lanes, const PLANES: usize>(
+    fn add_inside<S: Lanes, const PLANES: usize, const N: usize>(
         &self,
         s: S,
         group: usize,
-        sight: &Sight,
-        beam: &BeamExpansion,
-        phase: &Phase,
+        (sight, beam, phase): (&Sight, &BeamExpansion, &Phase),
         l: usize,
         offsets: &Offsets<S>,
         gathered: &mut Gathered<S>,
     ) {
         let (slot, first) = (group * LANES + l, sight.window[l] as usize);
         let parts = if PLANES == 3 { 2 } else { 1 };
-        let mut windows = [(&[0.0; WINDOW], &[0.0; WINDOW]); 2];
+        let mut windows = [(&[0.0; N], &[0.0; N]); 2];
         for (plane, of_plane) in windows[..parts].iter_mut().enumerate() {
             let (values, slopes) = self.stack.table(slot, plane).split_at(self.stack.stride);
             let (Some(values), Some(slopes)) = (window(values, first), window(slopes, first)) else { return };
@@ -375,20 +380,20 @@ struct LayerVisibility<S: Lanes> {
 }
 
 /// One sweep that sees the whole brick.
-struct Ray<'a, S: Lanes> {
+struct Ray<'a, S: Lanes, const N: usize> {
     sight: &'a Sight,
     beam: &'a BeamExpansion,
     phase: &'a Phase,
     l: usize,
     /// Values and slopes of the table, for each part.
-    windows: [(&'a [f32; WINDOW], &'a [f32; WINDOW]); 2],
+    windows: [(&'a [f32; N], &'a [f32; N]); 2],
     /// For the layer through the centre: component along the line of sight, and g, on which the
     /// cosine depends.
     flat: S::F,
     flat_g: S::F,
 }
 
-impl<S: Lanes> Ray<'_, S> {
+impl<S: Lanes, const N: usize> Ray<'_, S, N> {
     /// The sums of a layer with this sweep added.
     #[inline(always)]
     fn add<const PLANES: usize>(&self, s: S, offsets: &Offsets<S>, layer: usize, re: S::F, im: S::F) -> (S::F, S::F) {

@@ -126,42 +126,115 @@ impl Lanes for Avx2 {
     fn permute(self, table: Self::F, index: Self::I) -> Self::F {
         let [low, high] = [[table[0]; 2], [table[1]; 2]];
         let (low, high) = (apply!(_mm256_permutevar8x32_ps, low, index), apply!(_mm256_permutevar8x32_ps, high, index));
-        // Bit 3 selects the half; the blend tests the sign bit.
-        let bit_3 = self.with_bits(self.shift_left(index, self.splat_int(28)));
-        apply!(_mm256_blendv_ps, low, high, bit_3)
+        self.select::<3>(index, low, high)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {
-        const { assert!(N == 32 || N == 64 || N == 128) };
-        let index = self.and_int(index, self.splat_int(N as i32 - 1));
-        let at = window.as_ptr();
-        // SAFETY: as above; every index lies within the window.
-        unsafe { [_mm256_i32gather_ps::<4>(at, index[0]), _mm256_i32gather_ps::<4>(at, index[1])] }
+        const { assert!(N == 8 || N == 16 || N == 32 || N == 64 || N == 128) };
+        match N {
+            8 => {
+                let table = [self.eight(window, 0); 2];
+                apply!(_mm256_permutevar8x32_ps, table, index)
+            }
+            16 => self.among_16(window, 0, index),
+            32 => self.select::<4>(index, self.among_16(window, 0, index), self.among_16(window, 16, index)),
+            _ => {
+                let at = self.store_int(self.and_int(index, self.splat_int(N as i32 - 1)));
+                // SAFETY: as above; every index lies within the window, whose length is a power of
+                // two.
+                unsafe { [eight_of(window.as_ptr(), &at, 0), eight_of(window.as_ptr(), &at, 8)] }
+            }
+        }
     }
     #[inline(always)]
     fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
         assert!(!table.is_empty());
-        let (at, index) = (table.as_ptr(), limited(self, index, table.len() - 1));
+        let at = self.store_int(limited(self, index, table.len() - 1));
+        let table = table.as_ptr().cast();
         // SAFETY: as above; every index lies within the table.
-        unsafe { [_mm256_i32gather_epi32::<4>(at, index[0]), _mm256_i32gather_epi32::<4>(at, index[1])] }
+        self.bits_of(unsafe { [eight_of(table, &at, 0), eight_of(table, &at, 8)] })
     }
     #[inline(always)]
     fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
         assert!(table.len() >= 2);
-        let (at, index) = (table.as_ptr().cast(), limited(self, index, table.len() - 2));
-        // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7, as the shuffles require.
-        let order = self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7]);
-        let index = apply!(_mm256_permutevar8x32_epi32, index, order);
-        let (low, high) = (apply!(_mm256_castsi256_si128, index), apply!(_mm256_extracti128_si256::<1>, index));
-        // SAFETY: as above; every pair lies within the table, and gathers do not require alignment.
+        let at = self.store_int(limited(self, index, table.len() - 2));
+        let table = table.as_ptr();
+        // SAFETY: as above; every pair lies within the table.
         let (low, high) = unsafe {
             (
-                [_mm256_i32gather_pd::<4>(at, low[0]), _mm256_i32gather_pd::<4>(at, low[1])],
-                [_mm256_i32gather_pd::<4>(at, high[0]), _mm256_i32gather_pd::<4>(at, high[1])],
+                [four_pairs_of(table, &at, [0, 1, 4, 5]), four_pairs_of(table, &at, [8, 9, 12, 13])],
+                [four_pairs_of(table, &at, [2, 3, 6, 7]), four_pairs_of(table, &at, [10, 11, 14, 15])],
             )
         };
-        let (low, high) = (apply!(_mm256_castpd_ps, low), apply!(_mm256_castpd_ps, high));
         (apply!(_mm256_shuffle_ps::<0x88>, low, high), apply!(_mm256_shuffle_ps::<0xdd>, low, high))
+    }
+}
+
+impl Avx2 {
+    /// Of sixteen entries from `from` on, those that the low four bits of the index select.
+    #[inline(always)]
+    fn among_16(self, window: &[f32], from: usize, index: [__m256i; 2]) -> [__m256; 2] {
+        self.permute([self.eight(window, from), self.eight(window, from + 8)], index)
+    }
+
+    /// Eight entries from `from` on.
+    #[inline(always)]
+    fn eight(self, window: &[f32], from: usize) -> __m256 {
+        let eight = &window[from..from + 8];
+        // SAFETY: `self` is the proof that the processor has it; eight values are read from a slice
+        // of eight.
+        unsafe { _mm256_loadu_ps(eight.as_ptr()) }
+    }
+
+    /// `set` in lanes whose index has that bit set, `clear` in the others.
+    #[inline(always)]
+    fn select<const BIT: i32>(self, index: [__m256i; 2], clear: [__m256; 2], set: [__m256; 2]) -> [__m256; 2] {
+        // The blend tests the sign bit.
+        let sign = self.with_bits(self.shift_left(index, self.splat_int(31 - BIT)));
+        apply!(_mm256_blendv_ps, clear, set, sign)
+    }
+}
+
+// Single loads: a hardware gather of eight takes two to four times as long on processors before
+// Zen 4, and on Intel's with the mitigation of Downfall (measured on Zen 3: `cargo bench -p
+// radar-sar`).
+
+/// Entries at eight of sixteen indices, from index `from` on.
+///
+/// # Safety
+/// The processor must support AVX2, and each index must lie within the table.
+#[inline(always)]
+unsafe fn eight_of(table: *const f32, at: &[i32; LANES], from: usize) -> __m256 {
+    // SAFETY: by contract.
+    unsafe {
+        _mm256_setr_ps(
+            *table.add(at[from] as usize),
+            *table.add(at[from + 1] as usize),
+            *table.add(at[from + 2] as usize),
+            *table.add(at[from + 3] as usize),
+            *table.add(at[from + 4] as usize),
+            *table.add(at[from + 5] as usize),
+            *table.add(at[from + 6] as usize),
+            *table.add(at[from + 7] as usize),
+        )
+    }
+}
+
+/// Entries at the indices in these four lanes, each with the next.
+///
+/// # Safety
+/// As [`eight_of`], and a further entry must follow each.
+#[inline(always)]
+unsafe fn four_pairs_of(table: *const f32, at: &[i32; LANES], lanes: [usize; 4]) -> __m256 {
+    let [a, b, c, d] = lanes;
+    // SAFETY: by contract; the loads do not require alignment.
+    unsafe {
+        _mm256_castpd_ps(_mm256_setr_pd(
+            table.add(at[a] as usize).cast::<f64>().read_unaligned(),
+            table.add(at[b] as usize).cast::<f64>().read_unaligned(),
+            table.add(at[c] as usize).cast::<f64>().read_unaligned(),
+            table.add(at[d] as usize).cast::<f64>().read_unaligned(),
+        ))
     }
 }
 

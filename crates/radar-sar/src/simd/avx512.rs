@@ -120,11 +120,13 @@ impl Lanes for Avx512 {
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {
-        const { assert!(N == 32 || N == 64 || N == 128) };
+        const { assert!(N == 8 || N == 16 || N == 32 || N == 64 || N == 128) };
         let at = window.as_ptr();
         // SAFETY: as above; the window has N values.
         unsafe {
             match N {
+                8 => _mm512_permutexvar_ps(index, _mm512_broadcast_f32x8(_mm256_loadu_ps(at))),
+                16 => _mm512_permutexvar_ps(index, _mm512_loadu_ps(at)),
                 32 => among_32(at, index),
                 64 => among_64(at, index),
                 _ => {

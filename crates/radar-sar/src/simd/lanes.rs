@@ -76,7 +76,7 @@ pub(crate) trait Lanes: Copy {
     /// The lanes of `table` that the low four bits of the index select: one instruction, where a
     /// gather from memory takes seventeen.
     fn permute(self, table: Self::F, index: Self::I) -> Self::F;
-    /// `window[index]`; the index is taken modulo N, which is 32, 64 or 128.
+    /// `window[index]`; the index is taken modulo N, which is 8, 16, 32, 64 or 128.
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F;
     /// `table[index]`; an index outside takes the nearest entry.
     fn gather_int(self, table: &[i32], index: Self::I) -> Self::I;
@@ -198,6 +198,8 @@ mod tests {
                 s.to_float(n),
                 s.or_zero(s.and(less, odd), a),
                 s.permute(a, bits),
+                s.look_up(table.first_chunk::<8>().unwrap(), n),
+                s.look_up(table.first_chunk::<16>().unwrap(), n),
                 s.look_up(table.first_chunk::<32>().unwrap(), n),
                 s.look_up(table.first_chunk::<64>().unwrap(), n),
                 s.look_up(&table, n),
