@@ -14,7 +14,7 @@ use radar_mapping::{ObserverSettings, observe_all};
 use radar_mapping::{ReflectorSettings, find_reflectors};
 use radar_sar::HistorySettings;
 use radar_sar::geometry::Aabb;
-use radar_sar::{Beam, Observation};
+use radar_sar::{Beam, Candidate, Observation};
 use radar_sar::{PositionErrors, Selection};
 use radar_simulation::Scenario;
 
@@ -32,7 +32,12 @@ fn main() {
     println!("{motion}, {} seeds, median/p95 in mm (sweeps kept)", recordings.len());
     println!("{:16}{}", "", COUNTS.map(|n| format!("{:>22}", format!("N = {n}"))).concat());
     for selection in Selection::ALL {
-        let cells = COUNTS.map(|count| cell(&recordings, |all, seed| selection.choose(all, count, middle(), seed)));
+        let cells = COUNTS.map(|count| {
+            cell(&recordings, |all, seed| {
+                let candidates: Vec<Candidate> = all.iter().map(Candidate::from).collect();
+                selection.choose(&candidates, count, middle(), seed)
+            })
+        });
         println!("{:16}{}", selection.name(), cells.concat());
     }
     let all = cell(&recordings, |all, _| (0..all.len()).collect());

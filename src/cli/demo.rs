@@ -12,7 +12,7 @@ use clap::Args;
 use glam::DVec3;
 use indicatif::ProgressBar;
 
-use super::files::read_streams;
+use super::files::SweepSource;
 use super::replay::{Replay, obstacle_table, result_text, sensor_path, write_obstacles};
 use super::simulate::{effects_in, write_scenario};
 use super::view::ViewArguments;
@@ -25,9 +25,9 @@ use crate::report::{
 use crate::settings::Settings;
 use crate::warning::{Warnings, warn};
 use a121::preset;
+use radar_mapping::ObserverSettings;
 use radar_mapping::Scene;
 use radar_mapping::{Mapper, cube_ahead};
-use radar_mapping::{ObserverSettings, observe_all};
 use radar_recording::{Header, Recording};
 use radar_sar::Observation;
 use radar_sar::backprojection::{BrickGrid, SweepStack, dense_volume};
@@ -300,14 +300,13 @@ fn volume(image: Image, file: &Path, settings: &Settings, mapper: &Mapper, truth
         let room = Aabb::around(walls).unwrap_or_else(|| cube_ahead(&Pose::IDENTITY));
         return Ok(volume_of_shapes(&room, &mapper.scene()));
     }
-    let (recording, frames, poses) = read_streams(file)?;
-    let header = recording.header();
     let observer = ObserverSettings {
         history: settings.tracking.history,
-        head_from_sensor: header.head_from_sensor,
+        head_from_sensor: Recording::open(file)?.header().head_from_sensor,
         time_offset_s: mapper.time_offset_s(),
     };
-    let (observations, _) = observe_all(&header.config, observer, &frames, &poses);
+    let mut observations = Vec::new();
+    SweepSource { path: file, observer }.each(|observation| observations.push(observation))?;
     let region = cube_ahead(&observations.first().map_or(Pose::IDENTITY, |o| o.tracking_from_sensor));
     Ok(match image {
         Image::Ls(sweeps) => {

@@ -9,9 +9,9 @@ use clap::Args;
 
 use crate::settings::Settings;
 use a121::Frame;
-use radar_mapping::Event;
+use radar_mapping::{Event, ObserverCounters, ObserverSettings, observe_each};
 use radar_recording::{Recording, read_small_text};
-use radar_sar::PoseSample;
+use radar_sar::{Observation, PoseSample};
 
 /// Command-line arguments of the settings.
 #[derive(Debug, Default, Args)]
@@ -76,19 +76,60 @@ pub(super) fn user_settings() -> Option<PathBuf> {
     user_folder("XDG_CONFIG_HOME", ".config").map(|folder| folder.join("settings.toml"))
 }
 
-/// Frames and poses of a recording, each in file order; damage is logged once.
+/// Most frames and poses read into memory, bytes. Choice: four minutes at the fastest that the serial line
+/// carries, 187 kB/s; what is computed from them takes four times as much.
+const MAX_STREAM_BYTES: usize = 48 << 20;
+/// The path that is computed from a pose takes as much as this many poses.
+const PATH_PER_POSE: usize = 4;
+
+/// Frames and poses of a recording, each in file order, as far as they fit; damage is logged once.
 pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<PoseSample>)> {
     let mut recording = Recording::open(path)?;
     let (mut frames, mut poses) = (Vec::new(), Vec::new());
+    let mut bytes = 0;
     for event in &mut recording {
         match event {
-            Event::Frame(frame) => frames.push(frame),
-            Event::Pose(pose) => poses.push(pose),
+            Event::Frame(frame) => {
+                bytes += size_of::<Frame>() + size_of_val(&frame.samples[..]);
+                frames.push(frame);
+            }
+            Event::Pose(pose) => {
+                bytes += PATH_PER_POSE * size_of::<PoseSample>();
+                poses.push(pose);
+            }
             Event::Hands(_) => {}
+        }
+        if bytes > MAX_STREAM_BYTES {
+            let (frames, poses) = (frames.len(), poses.len());
+            log::warn!("{} is long: only its first {frames} frames and {poses} poses are used.", path.display());
+            break;
         }
     }
     warn_of_damage(&recording);
     Ok((recording, frames, poses))
+}
+
+/// The sweeps of a recording that have a pose, one at a time, as often as needed: it may be larger
+/// than memory.
+#[derive(Debug)]
+pub(super) struct SweepSource<'a> {
+    /// The recording.
+    pub path: &'a Path,
+    /// How sweeps get their poses.
+    pub observer: ObserverSettings,
+}
+
+impl SweepSource<'_> {
+    /// Every sweep in order of time; then the counters, and the recording read to its end.
+    pub fn each(&self, with: impl FnMut(Observation)) -> Result<(ObserverCounters, Recording)> {
+        let (mut frames, poses) = (Recording::open(self.path)?, Recording::open(self.path)?);
+        let config = frames.header().config.clone();
+        let frame = |event| if let Event::Frame(frame) = event { Some(frame) } else { None };
+        let pose = |event| if let Event::Pose(pose) = event { Some(pose) } else { None };
+        let (only_frames, only_poses) = (frames.by_ref().filter_map(frame), poses.filter_map(pose));
+        let counters = observe_each(&config, self.observer, only_frames, only_poses, with);
+        Ok((counters, frames))
+    }
 }
 
 /// Command-line argument of commands that write a file.

@@ -7,18 +7,20 @@ use std::path::PathBuf;
 
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
+use glam::DVec3;
 use serde_json::{Map, Value};
 
-use super::files::{ReplaceArgument, SettingsArguments, read_streams};
+use super::files::{ReplaceArgument, SettingsArguments, SweepSource, warn_of_damage};
 use crate::app::progress;
 use crate::gpu_imaging::GpuImager;
 use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
 use crate::settings::Settings;
 use radar_mapping::cube_ahead;
-use radar_mapping::{ObserverSettings, observe_all};
-use radar_sar::Observation;
+use radar_mapping::{ObserverCounters, ObserverSettings};
+use radar_recording::Recording;
 use radar_sar::backprojection::{BrickGrid, DenseVolume, SweepStack, Threshold, dense_volume, search};
 use radar_sar::geometry::{Aabb, Pose};
+use radar_sar::{Candidate, Observation};
 use radar_sar::{Preselection, Preselector, Selection, Statistic, Volume, subaperture_volume};
 
 /// Computes one statistic over a box of voxels: a NumPy volume [z][y][x] and a .json with it
@@ -131,6 +133,43 @@ const MAX_VOXELS: f64 = 512e6;
 /// search. Choice: 1 GiB at most, which fits the memory of most computers beside the volume.
 const MAX_SWEEPS_DENSE: usize = 60_000;
 const MAX_SWEEPS_ADAPTIVE: usize = 20_000;
+/// The same for `subaperture`, which keeps only the samples, about 2 kB a sweep.
+const MAX_SWEEPS_SUBAPERTURE: usize = 400_000;
+/// Most sweeps among which is chosen. Choice: half an hour at 1000 a second, 80 MB; of longer recordings
+/// every second sweep, or every fourth, and so on.
+const MAX_CANDIDATES: usize = 1 << 21;
+
+/// Sweeps to choose among.
+#[derive(Debug, Default)]
+struct Candidates {
+    /// Sweeps numbered with multiples of 2 to this power are candidates.
+    halvings: u32,
+    numbers: Vec<usize>,
+    candidates: Vec<Candidate>,
+}
+
+impl Candidates {
+    /// Adds sweep `number`; they come in rising order.
+    fn add(&mut self, number: usize, observation: &Observation) {
+        if !number.is_multiple_of(1 << self.halvings) {
+            return;
+        }
+        if self.numbers.len() == MAX_CANDIDATES {
+            self.halvings += 1;
+            let mut stays = self.numbers.iter().map(|number| number.is_multiple_of(1 << self.halvings));
+            self.candidates.retain(|_| stays.next() == Some(true));
+            self.numbers.retain(|number| number.is_multiple_of(1 << self.halvings));
+            return self.add(number, observation);
+        }
+        self.numbers.push(number);
+        self.candidates.push(Candidate::from(observation));
+    }
+
+    /// Numbers of at most `count` of them, in rising order.
+    fn choose(&self, selection: Selection, count: usize, place: DVec3, seed: u64) -> Vec<usize> {
+        selection.choose(&self.candidates, count, place, seed).into_iter().map(|n| self.numbers[n]).collect()
+    }
+}
 
 impl Reconstruct {
     pub fn run(&self) -> Result<()> {
@@ -145,7 +184,7 @@ impl Reconstruct {
         if let Some(cloud) = &self.cloud {
             self.replace.check_derived(cloud, &[&self.file], b"ply\n")?;
         }
-        let (recording, frames, poses) = read_streams(&self.file)?;
+        let recording = Recording::open(&self.file)?;
         let header = recording.header();
         let settings = self.settings.over_recorded(&header.settings)?;
         let observer = ObserverSettings {
@@ -153,22 +192,8 @@ impl Reconstruct {
             head_from_sensor: settings.tracking.mount.unwrap_or(header.head_from_sensor),
             time_offset_s: self.time_offset_s,
         };
-        let (observations, counters) = observe_all(&header.config, observer, &frames, &poses);
-        let Some(first) = observations.first() else {
-            bail!(
-                "no sweep of {} has a pose ({} frames, {} poses, {} of them unusable): nothing to reconstruct",
-                self.file.display(),
-                counters.frames,
-                counters.poses,
-                counters.poses_invalid
-                    + counters.poses_bad_numbers
-                    + counters.poses_time_not_rising
-                    + counters.poses_time_leapt
-            );
-        };
-        let region = self.region(&first.tracking_from_sensor)?;
-        self.check_size(&region)?;
-        let chosen = self.choose(observations, selection, &region)?;
+        let source = SweepSource { path: &self.file, observer };
+        let (chosen, region) = self.gather(&source, selection, self.most_sweeps(statistic))?;
         let spinner = progress::spinner("reconstructing");
         let computed = self.compute(statistic, &chosen, &settings, &region)?;
         spinner.finish_and_clear();
@@ -189,10 +214,6 @@ impl Reconstruct {
         extra.insert("search".into(), if adaptive { "adaptive" } else { "dense" }.into());
         if statistic == Statistic::Subaperture && adaptive {
             bail!("--search adaptive does not serve subaperture: leave it out");
-        }
-        let most = if adaptive { MAX_SWEEPS_ADAPTIVE } else { MAX_SWEEPS_DENSE };
-        if statistic != Statistic::Subaperture && sweeps.len() > most {
-            bail!("{} sweeps are more than fit in memory: choose at most {most} with --sweeps", sweeps.len());
         }
         let subapertures = &settings.rooms.subapertures;
         if let Some(mut imager) = self.imager(region, sweeps.len())? {
@@ -285,23 +306,72 @@ impl Reconstruct {
         Ok(())
     }
 
-    fn choose(
-        &self,
-        mut observations: Vec<Observation>,
-        selection: Selection,
-        region: &Aabb,
-    ) -> Result<Vec<Observation>> {
-        let mut preselector =
-            Preselector::new(Preselection { min_peak_power: self.min_peak_power, min_move_m: self.min_move_m });
-        observations.retain(|observation| preselector.keeps(observation));
+    fn most_sweeps(&self, statistic: Statistic) -> usize {
+        match self.search {
+            _ if statistic == Statistic::Subaperture => MAX_SWEEPS_SUBAPERTURE,
+            Search::Adaptive => MAX_SWEEPS_ADAPTIVE,
+            Search::Dense => MAX_SWEEPS_DENSE,
+        }
+    }
+
+    /// The sweeps to use, at most `most`, and the box. To choose among them the recording is read twice: it may
+    /// be larger than memory.
+    fn gather(&self, source: &SweepSource, selection: Selection, most: usize) -> Result<(Vec<Observation>, Aabb)> {
+        let (mut first, mut all, mut candidates) = (None, Vec::new(), Candidates::default());
+        let (mut preselector, mut count) = (self.preselector(), 0);
+        let (counters, recording) = source.each(|observation| {
+            first.get_or_insert(observation.tracking_from_sensor);
+            if preselector.keeps(&observation) {
+                match self.sweeps {
+                    Some(_) => candidates.add(count, &observation),
+                    None if count < most => all.push(observation),
+                    None => {}
+                }
+                count += 1;
+            }
+        })?;
+        warn_of_damage(&recording);
+        let Some(first) = first else { bail!(self.without_sweeps(&counters)) };
+        let region = self.region(&first)?;
+        self.check_size(&region)?;
         let left_out = preselector.counters();
         if left_out != Default::default() {
             let (signal, motion) = (left_out.without_signal, left_out.without_motion);
             outln!("left out: {signal} sweeps without signal, {motion} without motion")?;
         }
-        let Some(count) = self.sweeps else { return Ok(observations) };
-        let chosen = selection.choose(&observations, count, region.center(), self.seed);
-        Ok(chosen.into_iter().map(|n| observations[n].clone()).collect())
+        let wanted = self.sweeps.map(|wanted| candidates.choose(selection, wanted, region.center(), self.seed));
+        let used = wanted.as_ref().map_or(count, Vec::len);
+        if used > most {
+            bail!("{used} sweeps are more than fit in memory: choose at most {most} with --sweeps");
+        }
+        let Some(wanted) = wanted else { return Ok((all, region)) };
+        let (mut preselector, mut count) = (self.preselector(), 0);
+        source.each(|observation| {
+            if preselector.keeps(&observation) {
+                if wanted.get(all.len()) == Some(&count) {
+                    all.push(observation);
+                }
+                count += 1;
+            }
+        })?;
+        Ok((all, region))
+    }
+
+    fn preselector(&self) -> Preselector {
+        Preselector::new(Preselection { min_peak_power: self.min_peak_power, min_move_m: self.min_move_m })
+    }
+
+    fn without_sweeps(&self, counters: &ObserverCounters) -> String {
+        format!(
+            "no sweep of {} has a pose ({} frames, {} poses, {} of them unusable): nothing to reconstruct",
+            self.file.display(),
+            counters.frames,
+            counters.poses,
+            counters.poses_invalid
+                + counters.poses_bad_numbers
+                + counters.poses_time_not_rising
+                + counters.poses_time_leapt
+        )
     }
 
     fn write(&self, computed: Computed, statistic: Statistic, sweeps: usize) -> Result<()> {

@@ -16,6 +16,8 @@ mod found;
 mod golden;
 mod gpu_imaging;
 mod links;
+#[cfg(target_os = "linux")]
+mod memory;
 mod module_dependencies;
 mod moving_targets;
 mod physics;

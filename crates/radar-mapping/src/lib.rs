@@ -95,7 +95,7 @@ pub use hands::{HandTrail, HandsM, HandsSample};
 pub use mapper::{Mapper, MapperCounters, SearchCounters};
 pub use mount_estimate::{BoresightEstimate, MountEstimate, MountInUse};
 pub use moving_targets::{MovingTarget, MovingTargetTracker, MtiSettings};
-pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};
+pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all, observe_each};
 pub use range_axis::range_axis;
 pub(crate) use reflectors::reflector_evidence;
 pub use reflectors::{ReflectorSettings, find_reflectors};

@@ -394,19 +394,33 @@ pub fn observe_all(
     frames: &[Frame],
     poses: &[PoseSample],
 ) -> (Vec<Observation>, ObserverCounters) {
-    let mut observer = Observer::new(config, settings);
     let mut observations = Vec::new();
-    for event in in_time_order(frames.iter().cloned(), poses.iter().copied()) {
+    let counters = observe_each(config, settings, frames.iter().cloned(), poses.iter().copied(), |observation| {
+        observations.push(observation);
+    });
+    (observations, counters)
+}
+
+/// The same one by one, for streams that need not fit into memory: what waits for poses is all that is held.
+pub fn observe_each(
+    config: &SensorConfig,
+    settings: ObserverSettings,
+    frames: impl IntoIterator<Item = Frame>,
+    poses: impl IntoIterator<Item = PoseSample>,
+    mut with: impl FnMut(Observation),
+) -> ObserverCounters {
+    let mut observer = Observer::new(config, settings);
+    for event in in_time_order(frames, poses) {
         // What is refused is counted.
         let _ = match event {
             Event::Frame(frame) => observer.push_frame(frame),
             Event::Pose(pose) => observer.push_pose(&pose),
             Event::Hands(_) => Ok(()),
         };
-        observations.append(&mut observer.take_ready());
+        observer.take_ready().into_iter().for_each(&mut with);
     }
-    observations.append(&mut observer.take_rest());
-    (observations, *observer.counters())
+    observer.take_rest().into_iter().for_each(&mut with);
+    *observer.counters()
 }
 
 fn observe_sweep(

@@ -47,7 +47,8 @@ fn subaperture(settings: SubapertureSettings, seed: u64) -> Subaperture {
     for n in 0..SWEEPS {
         let t = n as f64 / SWEEPS as f64 + seed as f64;
         let place = DVec3::new(0.03 * t, 0.01 * (3.0 * t).cos(), 0.02 * (2.0 * t).sin());
-        let samples = (0..axis.points).map(|_| Complex32::new(rng.random_range(-9.0..9.0), rng.random_range(-9.0..9.0)));
+        let samples =
+            (0..axis.points).map(|_| Complex32::new(rng.random_range(-9.0..9.0), rng.random_range(-9.0..9.0)));
         let observation = Observation {
             mid_time_ns: (t * 0.089e9) as i64,
             tracking_from_sensor: Pose::new(place, DQuat::from_rotation_y(0.1 * t)),

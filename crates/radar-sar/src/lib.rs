@@ -127,7 +127,7 @@ pub use range_axis::RangeAxis;
 pub use range_power::RangePower;
 pub use refine::{JointFit, PositionErrors, Refined, best_pair, refine, split};
 pub use selection::{
-    Preselection, PreselectionCounters, Preselector, Selection, UnknownSelection, farthest_points, random,
+    Candidate, Preselection, PreselectionCounters, Preselector, Selection, UnknownSelection, farthest_points, random,
 };
 pub use self_calibration::{
     Boresight, Calibration, CalibrationSettings, EchoDirections, PoseMistake, SelfCalibration, TimeOffset,

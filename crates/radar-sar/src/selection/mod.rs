@@ -44,6 +44,22 @@ pub enum Selection {
 #[error("selection \"{0}\" is not known: use {list}", list = Selection::ALL.map(Selection::name).join(", "))]
 pub struct UnknownSelection(pub String);
 
+/// What a selection needs of a sweep.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Candidate {
+    /// Position of the sensor, tracking frame.
+    pub position_m: DVec3,
+    /// Greatest amplitude of the sweep's points, LSB.
+    pub peak_lsb: f64,
+}
+
+impl From<&Observation> for Candidate {
+    fn from(observation: &Observation) -> Self {
+        let amplitudes = observation.samples.iter().map(|x| f64::from(math::norm(*x)));
+        Self { position_m: observation.tracking_from_sensor.translation, peak_lsb: amplitudes.fold(0.0, f64::max) }
+    }
+}
+
 impl Selection {
     /// All methods.
     pub const ALL: [Selection; 5] =
@@ -62,12 +78,12 @@ impl Selection {
 
     /// Indices of at most `count` sweeps, in rising order. `place` is the point of interest (the
     /// centre of the region will do). Random choices depend on `seed` alone.
-    pub fn choose(self, observations: &[Observation], count: usize, place: DVec3, seed: u64) -> Vec<usize> {
-        let positions: Vec<DVec3> = observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
-        let amplitudes = || observations.iter().map(peak_amplitude).collect::<Vec<f64>>();
+    pub fn choose(self, candidates: &[Candidate], count: usize, place: DVec3, seed: u64) -> Vec<usize> {
+        let positions: Vec<DVec3> = candidates.iter().map(|c| c.position_m).collect();
+        let amplitudes = || candidates.iter().map(|c| c.peak_lsb).collect::<Vec<f64>>();
         let any_of = |from: Vec<usize>| random(from.len(), count, seed).into_iter().map(|n| from[n]).collect();
         match self {
-            Self::Random => random(observations.len(), count, seed),
+            Self::Random => random(candidates.len(), count, seed),
             Self::Threshold => any_of(above_threshold(&amplitudes(), THRESHOLD_COEFFICIENT)),
             Self::ThesisHull => any_of(hull_above_threshold(&positions, &amplitudes(), THRESHOLD_COEFFICIENT)),
             Self::FarthestPoint => farthest_points(&positions, count),
@@ -83,11 +99,6 @@ impl std::str::FromStr for Selection {
     }
 }
 
-/// Greatest amplitude of a sweep's points, LSB.
-fn peak_amplitude(observation: &Observation) -> f64 {
-    observation.samples.iter().map(|x| f64::from(math::norm(*x))).fold(0.0, f64::max)
-}
-
 /// Index of the first of the greatest values; 0 without values.
 fn first_best(values: impl Iterator<Item = f64>) -> usize {
     values.enumerate().fold((0, f64::NEG_INFINITY), |best, (i, v)| if v > best.1 { (i, v) } else { best }).0
@@ -101,7 +112,8 @@ mod tests {
     #[test]
     fn every_way_keeps_no_more_than_asked_each_once_and_repeats() {
         let at = DVec3::new(0.2, 0.1, -1.2);
-        let all = sweeps(0.3, winding, &[(Echo::Point(at), 10.0)], 1);
+        let all: Vec<Candidate> =
+            sweeps(0.3, winding, &[(Echo::Point(at), 10.0)], 1).iter().map(Candidate::from).collect();
         for way in Selection::ALL {
             assert_eq!(way.name().parse::<Selection>().unwrap(), way);
             for count in [0, 1, 20, all.len(), all.len() + 5] {

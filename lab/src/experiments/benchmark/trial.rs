@@ -10,7 +10,7 @@ use crate::experiments::trial_recording::{TrialRecording, region};
 use radar_sar::backprojection::{BrickGrid, SweepStack, Threshold, dense_volume, search};
 use radar_sar::geometry::Aabb;
 use radar_sar::subaperture::SubapertureSettings;
-use radar_sar::{Beam, Observation};
+use radar_sar::{Beam, Candidate, Observation};
 use radar_sar::{Oracle, PositionErrors, RangePower, oracle_volume, refine};
 
 pub(super) const BEAM: Beam = Beam::Lensless;
@@ -58,7 +58,8 @@ fn choose(case: &Case, recorded: &TrialRecording, region: &Aabb) -> Vec<Observat
     if case.sweeps == 0 {
         return recorded.observations.clone();
     }
-    let chosen = case.selection.choose(&recorded.observations, case.sweeps, region.center(), recorded.seed);
+    let candidates: Vec<Candidate> = recorded.observations.iter().map(Candidate::from).collect();
+    let chosen = case.selection.choose(&candidates, case.sweeps, region.center(), recorded.seed);
     chosen.into_iter().map(|n| recorded.observations[n].clone()).collect()
 }
 

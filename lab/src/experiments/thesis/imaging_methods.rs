@@ -9,7 +9,7 @@ use crate::experiments::trial_recording::{TrialRecording, region};
 use radar_sar::backprojection::{BrickGrid, SweepStack, Threshold, dense_volume, search};
 use radar_sar::geometry::Aabb;
 use radar_sar::math;
-use radar_sar::{Beam, Observation};
+use radar_sar::{Beam, Candidate, Observation};
 use radar_sar::{PositionErrors, RangePower, Refined, Selection, Statistic, Volume, refine};
 
 /// The thesis' voxel edge (section 5.6), metres.
@@ -24,7 +24,8 @@ pub(super) const BEAM: Beam = Beam::Lensless;
 /// Selects a number of a recording's sweeps; all where it has no more.
 pub(super) fn chosen(recorded: &TrialRecording, count: usize, by: Selection) -> Vec<Observation> {
     let position = region(THESIS_VOXEL_M, recorded.seed).center();
-    let chosen = by.choose(&recorded.observations, count, position, recorded.seed);
+    let candidates: Vec<Candidate> = recorded.observations.iter().map(Candidate::from).collect();
+    let chosen = by.choose(&candidates, count, position, recorded.seed);
     chosen.into_iter().map(|n| recorded.observations[n].clone()).collect()
 }
 
