@@ -3,6 +3,7 @@
 
 mod calibration;
 mod gpu;
+mod memory;
 mod page;
 mod pages;
 mod play;
@@ -76,7 +77,7 @@ impl ResultsPage {
 }
 
 /// Every page.
-pub const PAGES: [ResultsPage; 10] = [
+pub const PAGES: [ResultsPage; 11] = [
     ResultsPage {
         name: "reflectors",
         about: "position of a reflector, pairs, time offset",
@@ -136,5 +137,11 @@ pub const PAGES: [ResultsPage; 10] = [
         about: "dense volumes on the graphics card beside the processor",
         is_timed: true,
         make: |measuring| gpu::page(measuring.extent),
+    },
+    ResultsPage {
+        name: "memory",
+        about: "peak memory of the commands over recordings made to swell",
+        is_timed: false,
+        make: |measuring| memory::page(measuring.extent),
     },
 ];

@@ -6,9 +6,19 @@ use crate::common::Folder;
 fn without_names_the_pages_are_listed() {
     let folder = Folder::new("results_listed");
     let mut listed = folder.run("results").succeeds();
-    for page in
-        ["reflectors", "rooms", "play", "living", "realism", "calibration", "experiments", "benchmark", "speed", "gpu"]
-    {
+    for page in [
+        "reflectors",
+        "rooms",
+        "play",
+        "living",
+        "realism",
+        "calibration",
+        "experiments",
+        "benchmark",
+        "speed",
+        "gpu",
+        "memory",
+    ] {
         listed = listed.prints(page);
     }
     folder.run("results walls").fails_with("there is no page \"walls\": use reflectors, rooms, play");
