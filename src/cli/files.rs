@@ -76,9 +76,9 @@ pub(super) fn user_settings() -> Option<PathBuf> {
     user_folder("XDG_CONFIG_HOME", ".config").map(|folder| folder.join("settings.toml"))
 }
 
-/// Most frames and poses read into memory, bytes. Choice: four minutes at the fastest that the serial line
+/// Most frames and poses read into memory, bytes. Choice: 220 s at the fastest that the serial line
 /// carries, 187 kB/s; what is computed from them takes four times as much.
-const MAX_STREAM_BYTES: usize = 48 << 20;
+const MAX_STREAM_BYTES: usize = 40 << 20;
 /// The path that is computed from a pose takes as much as this many poses.
 const PATH_PER_POSE: usize = 4;
 
