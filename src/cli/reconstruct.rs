@@ -400,3 +400,37 @@ impl Reconstruct {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::{RangeAxis, SweepGeometry};
+
+    #[test]
+    fn of_too_many_sweeps_every_second_and_then_every_fourth_is_a_candidate() {
+        let axis = RangeAxis { first_m: 0.2, step_m: 0.01, points: 1 };
+        let geometry = SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: 0.1, point_period_s: 0.0 };
+        let mut sweep = Observation {
+            mid_time_ns: 0,
+            tracking_from_sensor: Pose::IDENTITY,
+            velocity_m_per_s: DVec3::ZERO,
+            geometry: geometry.into(),
+            samples: Vec::new(),
+        };
+        let mut candidates = Candidates::default();
+        for number in 0..=2 * MAX_CANDIDATES {
+            sweep.tracking_from_sensor.translation.x = number as f64;
+            candidates.add(number, &sweep);
+            let apart = if number < MAX_CANDIDATES { 1 } else { 2 };
+            if number < 2 * MAX_CANDIDATES {
+                assert_eq!(candidates.numbers.len(), number / apart + 1);
+            }
+        }
+        assert_eq!(candidates.numbers.len(), MAX_CANDIDATES / 2 + 1);
+        for (n, (number, candidate)) in candidates.numbers.iter().zip(&candidates.candidates).enumerate() {
+            assert_eq!((*number, candidate.position_m.x), (4 * n, *number as f64));
+        }
+        let chosen = candidates.choose(Selection::Random, 9, DVec3::ZERO, 1);
+        assert!(chosen.len() == 9 && chosen.iter().all(|number| number % 4 == 0));
+    }
+}

@@ -8,8 +8,8 @@ use radar_sar::geometry::Pose;
 use radar_sar::{PoseSample, TrackingResult};
 use std::process::Command;
 
-/// Address space of a command, KiB: what `reconstruct` needed of a short recording was 250 MiB, code
-/// and stacks of threads included; what the samples of the file take alone is 400 MiB.
+/// Address space of a command, KiB. The samples of the file alone take as much. Measured with
+/// `ulimit -v`: `reconstruct` needs 250 MiB for it, `calibrate` 350.
 const LIMIT_KIB: usize = 400 << 10;
 const SAMPLES: usize = 100_000_000;
 

@@ -16,15 +16,15 @@ use radar_recording::{Header, RecordingWriter};
 use radar_sar::geometry::Pose;
 use radar_sar::{PoseSample, TrackingResult};
 
-/// Commands with their options behind the file's name.
-const COMMANDS: [(&str, &str); 7] = [
-    ("info", ""),
-    ("replay", ""),
-    ("recover", "--out out.mcap"),
-    ("reconstruct", "--out out.npy"),
-    ("reconstruct", "--out out.npy --sweeps 200"),
-    ("reconstruct", "--out out.npy --sweeps 200 --search adaptive"),
-    ("calibrate", ""),
+/// Commands, where they write, and further options.
+const COMMANDS: [(&str, &str, &str); 7] = [
+    ("info", "", ""),
+    ("replay", "", ""),
+    ("recover", "--out out.mcap", ""),
+    ("reconstruct", "--out out.npy", ""),
+    ("reconstruct", "--out out.npy", "--sweeps 200"),
+    ("reconstruct", "--out out.npy", "--sweeps 200 --search adaptive"),
+    ("calibrate", "", ""),
 ];
 /// How long a command may take before it is stopped. Choice: long enough for its memory to have become steady.
 const MAX_DURATION: Duration = Duration::from_secs(60);
@@ -82,15 +82,14 @@ fn measured(program: &Path, folder: &Path, extent: Extent) -> Result<Table> {
         let path = folder.join("in.mcap");
         file.write(&path)?;
         let megabytes = std::fs::metadata(&path)?.len() as f64 * 1e-6;
-        for (command, options) in COMMANDS {
+        for (command, out, options) in COMMANDS {
             let mut run = Command::new(program);
-            run.arg(command).arg(&path).args(options.split_whitespace()).current_dir(folder);
-            let (peak_kib, took_s, end) = watch(&mut run)?;
+            run.arg(command).arg(&path).args(out.split_whitespace()).args(options.split_whitespace());
+            let (peak_kib, took_s, end) = watch(run.current_dir(folder))?;
             rows.push(vec![
                 file.name.into(),
                 format!("{megabytes:.1}"),
-                [command, options.split_once(' ').and_then(|(_, rest)| rest.split_once(' ')).map_or("", |(_, o)| o)]
-                    .join(" "),
+                format!("{command} {options}"),
                 (peak_kib / 1024).to_string(),
                 format!("{took_s:.0}"),
                 end,

@@ -195,9 +195,9 @@ impl Avx2 {
     }
 }
 
-// Single loads: a hardware gather of eight takes two to four times as long on processors before
-// Zen 4, and on Intel's with the mitigation of Downfall (measured on Zen 3: `cargo bench -p
-// radar-sar`).
+// Single loads instead of hardware gathers. With gathers here and in windows, dense volumes take two
+// to three times as long on Zen 3 (`cargo bench -p radar-sar --bench backprojection`); other
+// processors with AVX2 were not measured.
 
 /// Entries at eight of sixteen indices, from index `from` on.
 ///
