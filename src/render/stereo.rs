@@ -20,7 +20,7 @@ use super::error::RenderError;
 use super::eye::EyeView;
 use super::eye_renderer::{Ball, Canvas, DrawList, EyeRenderer};
 use super::gpu::{FORMAT, Gpu};
-use super::painter::{linear, transition_to_copy_source};
+use super::painter::{linear, texture_size, transition_to_copy_source};
 use super::quads::{Quad, QuadKind};
 use crate::warning::Shape;
 use radar_sar::geometry::Pose;
@@ -45,9 +45,6 @@ const SIDE_STEP_M: f64 = 0.25;
 /// Largest distance of a window's edge from the centre of its panel, metres. Choice: a room's
 /// height and a large panel fit; more would lower the resolution.
 const MAX_EDGE_DISTANCE_M: f64 = 2.5;
-/// Resolution of a window's texture, and its longest side. Choice: those of a panel.
-const PIXELS_PER_M: f64 = 512.0;
-const MAX_SIDE_PX: f64 = 1024.0;
 /// Share of the background light that a ball hides at full brightness. Choice: the shape is plain,
 /// and the game stays visible through it.
 const BALL_ALPHA: f32 = 0.55;
@@ -117,8 +114,7 @@ impl Window {
 
     /// Width and height of each half of its texture at the resolution of panels.
     pub fn half_px(&self) -> [u32; 2] {
-        let scale = PIXELS_PER_M.min(MAX_SIDE_PX / self.size_m.max_element().max(1e-3));
-        (self.size_m * scale).to_array().map(|v| v.round().clamp(16.0, MAX_SIDE_PX) as u32)
+        texture_size(self.size_m)
     }
 
     /// View whose image is exactly the window; `None` for an eye behind the window or in its plane.

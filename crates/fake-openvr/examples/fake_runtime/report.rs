@@ -34,7 +34,7 @@ pub struct Ending {
     pub left_at_cleanup: Option<usize>,
 }
 
-/// Counters. 24 fields: one record, serialised as it is.
+/// Counters. 25 fields: one record, serialised as it is.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Report {
     pub pid: u32,
@@ -55,6 +55,8 @@ pub struct Report {
     pub textures: u64,
     /// Of these, those that were not copied because too many copies were in progress.
     pub textures_not_copied: u64,
+    /// Of these, those of another size than the overlay's previous one.
+    pub texture_size_changes: u64,
     /// Of these, those of dashboard tabs and their buttons.
     pub dashboard_textures: u64,
     /// Number of device changes after the previous device was lost.
