@@ -7,7 +7,7 @@ use anyhow::{Result, anyhow, bail};
 use clap::Args;
 
 use super::board::BoardArguments;
-use super::doctor_steamvr::check_steamvr;
+use super::doctor_steamvr::{check_steamvr, check_steamvr_apart};
 use super::findings::Findings;
 use crate::app::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
 use crate::app::{counter_lines, line_speed, preset_table};
@@ -34,6 +34,9 @@ const MAX_P99_S: f64 = 5e-3;
 pub(super) struct Doctor {
     #[command(flatten)]
     board: BoardArguments,
+    /// Checks SteamVR alone, in this process.
+    #[arg(long, hide = true)]
+    steamvr_in_this_process: bool,
 }
 
 /// What the board reported up to its first frames.
@@ -50,6 +53,9 @@ struct BoardReport {
 impl Doctor {
     pub fn run(&self) -> Result<()> {
         let mut findings = Findings::default();
+        if self.steamvr_in_this_process {
+            return check_steamvr(&mut findings);
+        }
         self.check(&mut findings)?;
         match findings.to_fix {
             0 => Ok(()),
@@ -59,7 +65,7 @@ impl Doctor {
     }
 
     fn check(&self, findings: &mut Findings) -> Result<()> {
-        check_steamvr(findings)?;
+        check_steamvr_apart(findings)?;
         check_ports(findings, self.board.names_port())?;
         let candidate = match self.board.choose() {
             Ok(candidate) => candidate,

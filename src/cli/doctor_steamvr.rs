@@ -1,11 +1,57 @@
 //! The SteamVR part of `doctor`: installed, running, headset, graphics card, and whether it starts
 //! this program.
 
-use anyhow::Result;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
 
 use super::findings::Findings;
-use crate::app::{correction_text, known_mounts, registration_trouble};
+use crate::app::{correction_text, known_mounts, own_path, registration_trouble};
 use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Universe};
+
+/// Longest time of the checks. Choice: opening a graphics card takes a second or two; a runtime that hangs must not hang the doctor.
+const MAX_CHECK: Duration = Duration::from_secs(30);
+
+/// Checks SteamVR in a process of its own: the runtime's library may end the process in which it is loaded, or hang it.
+pub(super) fn check_steamvr_apart(findings: &mut Findings) -> Result<()> {
+    let mut child = Command::new(own_path()?)
+        .args(["doctor", "--steamvr-in-this-process"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .context("cannot start the checks of SteamVR")?;
+    let (lines, found) = mpsc::channel();
+    if let Some(out) = child.stdout.take() {
+        thread::spawn(move || BufReader::new(out).lines().map_while(Result::ok).try_for_each(|line| lines.send(line)));
+    }
+    let end = Instant::now() + MAX_CHECK;
+    let has_ended = loop {
+        match found.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            Ok(line) => findings.repeat(&line)?,
+            Err(RecvTimeoutError::Disconnected) => break true,
+            Err(RecvTimeoutError::Timeout) => break false,
+        }
+    };
+    if !has_ended {
+        let _ = child.kill();
+    }
+    let status = child.wait().context("cannot wait for the checks of SteamVR")?;
+    match (has_ended, status.success()) {
+        (true, true) => Ok(()),
+        (true, false) => findings.fix(
+            "SteamVR",
+            &format!(
+                "the VR runtime's library ended the process that had loaded it ({status}): repair or change the runtime"
+            ),
+        ),
+        (false, _) => findings
+            .fix("SteamVR", &format!("the VR runtime has not answered for {} s: restart it", MAX_CHECK.as_secs())),
+    }
+}
 
 /// Checks SteamVR. A computer without SteamVR has nothing to fix: it records and replays.
 pub(super) fn check_steamvr(findings: &mut Findings) -> Result<()> {
@@ -16,7 +62,16 @@ pub(super) fn check_steamvr(findings: &mut Findings) -> Result<()> {
         }
         Err(error) => return findings.fix("SteamVR", &error.to_string()),
     };
-    findings.ok("SteamVR", &format!("in {}", paths.runtime.display()))?;
+    match paths.is_steamvr() {
+        true => findings.ok("SteamVR", &format!("in {}", paths.runtime.display()))?,
+        false => findings.warn(
+            "SteamVR",
+            &format!(
+                "{} is not SteamVR: this program was made for SteamVR, and others may refuse it",
+                paths.runtime.display()
+            ),
+        )?,
+    }
     check_registration(findings, &paths)?;
     match Runtime::start(&paths, Role::Background) {
         Ok(runtime) => check_running(findings, &runtime),
@@ -48,9 +103,12 @@ fn check_registration(findings: &mut Findings, paths: &RuntimePaths) -> Result<(
 }
 
 fn check_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
-    findings.ok("Running", &format!("SteamVR {}", runtime.version()))?;
+    findings.ok("Running", &runtime.name_and_version())?;
     let timing = runtime.display_timing();
     findings.ok("Headset", &format!("{}, {:.0} frames a second", runtime.headset_name(), timing.frame_hz))?;
+    if runtime.universe_id().is_none() {
+        findings.warn("Room", "the VR runtime has no ids of rooms: no map is kept from one session to the next")?;
+    }
     check_mount(findings, &runtime.headset_name())?;
     let poses = runtime.poses(Universe::Standing, 0.0, runtime.hands());
     match poses.head.valid_pose() {

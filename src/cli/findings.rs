@@ -9,6 +9,12 @@ pub(super) struct Findings {
 }
 
 impl Findings {
+    /// A finding that another process has printed.
+    pub fn repeat(&mut self, line: &str) -> Result<()> {
+        self.to_fix += u32::from(line.starts_with("fix "));
+        outln!("{line}")
+    }
+
     pub fn ok(&self, what: &str, text: &str) -> Result<()> {
         outln!("ok       {what:<12} {text}")
     }

@@ -39,10 +39,19 @@ impl Install {
         let paths = RuntimePaths::find()?;
         let binary = own_path()?;
         let path = manifest_path()?;
-        write_files(&path, &binary, &self.run_arguments())?;
+        // Connects first: a manifest that SteamVR does not know would stay behind.
         let runtime = Runtime::start(&paths, Role::Utility)?;
-        runtime.register(&path)?;
-        runtime.set_autolaunch(!self.no_autolaunch)?;
+        let was_there = path.exists();
+        let registered = write_files(&path, &binary, &self.run_arguments()).and_then(|()| {
+            runtime.register(&path)?;
+            Ok(runtime.set_autolaunch(!self.no_autolaunch)?)
+        });
+        if let Err(error) = registered {
+            if !was_there {
+                remove_files(&path)?;
+            }
+            return Err(error);
+        }
         let registration = runtime.registration();
         outln!("Manifest  {}", path.display())?;
         outln!("Program   {}", binary.display())?;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::error::OpenVrError;
+use super::error::{OpenVrError, described};
 use super::runtime::{Runtime, call, string_from};
 use super::sys;
 
@@ -114,7 +114,7 @@ impl Runtime {
             return Ok(());
         }
         let name = string_from(call!(self.applications, GetApplicationsErrorNameFromEnum(error)));
-        Err(OpenVrError::Call { call, name: format!("{name} ({error})") })
+        Err(OpenVrError::Call { call, name: described(i64::from(error), name.as_deref(), None) })
     }
 }
 

@@ -32,7 +32,9 @@ impl Runtime {
             ])
         };
         Chaperone {
-            color: color(),
+            // A runtime without these settings was seen to answer each with 0 and no error: warnings in
+            // black cannot be seen.
+            color: color().filter(|channels| *channels != [0; 3]),
             fade_distance_m: fade_m.filter(|m| m.is_finite() && *m > 0.0),
             play_area_m: self.play_area_m(),
         }

@@ -92,12 +92,14 @@ impl Runtime {
         system.map_or(name.clone(), |system| format!("{name} ({system})"))
     }
 
-    /// Id of the tracking universe. When it changes, all earlier positions are invalid.
+    /// Id of the tracking universe, if the runtime has ids. When it changes, all earlier positions are
+    /// invalid.
     pub fn universe_id(&self) -> Option<u64> {
         let mut error = 0;
         let property = sys::ETrackedDeviceProperty_Prop_CurrentUniverseId_Uint64;
         let id = call!(self.system, GetUint64TrackedDeviceProperty(HEADSET, property, &mut error));
-        (error == sys::ETrackedPropertyError_TrackedProp_Success).then_some(id)
+        // Runtimes without ids were seen to answer 0.
+        (error == sys::ETrackedPropertyError_TrackedProp_Success && id != 0).then_some(id)
     }
 
     fn float_property(&self, property: sys::ETrackedDeviceProperty) -> Option<f64> {

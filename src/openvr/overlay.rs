@@ -12,7 +12,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 
 use super::display::HEADSET;
-use super::error::OpenVrError;
+use super::error::{OpenVrError, described};
 use super::matrix::matrix;
 use super::poses::Universe;
 use super::runtime::{Runtime, call, string_from};
@@ -72,8 +72,10 @@ impl Overlay {
             thread: PhantomData,
         };
         overlay.set_flag(sys::VROverlayFlags_IsPremultiplied)?;
-        // Otherwise SteamVR draws a plain backside.
-        overlay.set_flag(sys::VROverlayFlags_NoBackside)?;
+        // Otherwise SteamVR draws a plain backside. A runtime before SDK 2.15 refuses the flag, and draws none.
+        if let Err(error) = overlay.set_flag(sys::VROverlayFlags_NoBackside) {
+            log::debug!("{error}");
+        }
         Ok(overlay)
     }
 
@@ -294,5 +296,5 @@ pub(super) fn check_call(
         return Ok(());
     }
     let name = string_from(call!(table, GetOverlayErrorNameFromEnum(error)));
-    Err(OpenVrError::Call { call, name: format!("{name} ({error})") })
+    Err(OpenVrError::Call { call, name: described(i64::from(error), name.as_deref(), None) })
 }

@@ -6,10 +6,13 @@
 //! lives at most as long as its [`Runtime`]. The library stays loaded, because its threads may
 //! still be terminating.
 
-use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::cell::Cell;
+use std::ffi::{CStr, c_char, c_int, c_void};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use super::error::OpenVrError;
+use super::interfaces::{self, Interface};
 use super::runtime_paths::RuntimePaths;
 use super::sys;
 
@@ -45,7 +48,7 @@ struct Core {
 struct CoreFunctions {
     init: unsafe extern "C" fn(*mut Core, sys::EVRApplicationType, *const c_char) -> sys::EVRInitError,
     cleanup: unsafe extern "C" fn(*mut Core),
-    is_interface_version_valid: unsafe extern "C" fn(*mut Core, *const c_char) -> sys::EVRInitError,
+    _is_interface_version_valid: unsafe extern "C" fn(*mut Core, *const c_char) -> sys::EVRInitError,
     get_generic_interface: unsafe extern "C" fn(*mut Core, *const c_char, *mut sys::EVRInitError) -> *mut c_void,
     _is_hmd_present: unsafe extern "C" fn(*mut Core) -> bool,
     english_for_init_error: unsafe extern "C" fn(*mut Core, sys::EVRInitError) -> *const c_char,
@@ -55,6 +58,8 @@ struct CoreFunctions {
 /// A session with the runtime. One at a time per process.
 pub struct Runtime {
     core: *mut Core,
+    /// What it is, as [`RuntimePaths::name`].
+    name: String,
     pub(super) system: &'static sys::VR_IVRSystem_FnTable,
     pub(super) applications: &'static sys::VR_IVRApplications_FnTable,
     pub(super) settings: &'static sys::VR_IVRSettings_FnTable,
@@ -71,19 +76,47 @@ unsafe impl Send for Runtime {}
 // SAFETY: as above.
 unsafe impl Sync for Runtime {}
 
-/// Calls a function of a table. `table` accepts only tables without null pointers, so the function
-/// always exists.
+/// Calls a function of a table. It exists: `interfaces::find` accepts only tables without null
+/// pointers, and none of what older versions lack is called but SetSDKVersion, where it exists.
 macro_rules! call {
     ($table:expr, $function:ident ( $($argument:expr),* $(,)? )) => {
         match $table.$function {
-            // SAFETY: the function belongs to the table of a live session and has the signature in
-            // the header; the arguments outlive the call.
-            Some(function) => unsafe { function($($argument),*) },
+            Some(function) => {
+                let _timed = $crate::openvr::runtime::TimedCall::begin();
+                // SAFETY: the function belongs to the table of a live session and has the signature in
+                // the header; the arguments outlive the call.
+                unsafe { function($($argument),*) }
+            }
             None => unreachable!("null pointer in a checked function table"),
         }
     };
 }
 pub(super) use call;
+
+thread_local! {
+    /// Time that this thread has spent in calls of the runtime, nanoseconds.
+    static IN_RUNTIME_NS: Cell<i64> = const { Cell::new(0) };
+}
+
+/// Time that this thread has spent in calls of the runtime so far, nanoseconds.
+pub fn time_in_runtime_ns() -> i64 {
+    IN_RUNTIME_NS.get()
+}
+
+/// Measures a call until it is dropped.
+pub(super) struct TimedCall(Instant);
+
+impl TimedCall {
+    pub fn begin() -> Self {
+        Self(Instant::now())
+    }
+}
+
+impl Drop for TimedCall {
+    fn drop(&mut self) {
+        IN_RUNTIME_NS.set(IN_RUNTIME_NS.get() + self.0.elapsed().as_nanos() as i64);
+    }
+}
 
 impl Runtime {
     /// Loads the runtime and connects to it.
@@ -93,9 +126,9 @@ impl Runtime {
     /// too old; or this process already has a session.
     pub fn start(paths: &RuntimePaths, role: Role) -> Result<Self, OpenVrError> {
         if IS_IN_USE.swap(true, Ordering::AcqRel) {
-            let (code, name) =
-                (i64::from(sys::EVRInitError_VRInitError_Init_AlreadyRunning), "AlreadyRunning".to_owned());
-            return Err(OpenVrError::Refused { code, name, text: "only one session per process".to_owned() });
+            let code = i64::from(sys::EVRInitError_VRInitError_Init_AlreadyRunning);
+            let text = Some("only one session per process".to_owned());
+            return Err(OpenVrError::Refused { code, name: None, text });
         }
         let started = Self::connect(paths, role);
         if started.is_err() {
@@ -120,36 +153,39 @@ impl Runtime {
         }
         // From here on, the session must be ended on every path.
         let guard = CleanupGuard(core);
-        // SAFETY: a session is active; the text is zero-terminated.
-        let error = unsafe { (functions.is_interface_version_valid)(core, sys::IVRSystem_Version.as_ptr()) };
-        if error != sys::EVRInitError_VRInitError_None {
-            return Err(OpenVrError::Interface(sys::IVRSystem_Version.to_string_lossy().into_owned()));
-        }
-        let system: &'static sys::VR_IVRSystem_FnTable = table(core, sys::IVRSystem_Version)?;
-        let [major, minor, build] = SDK_VERSION;
-        let error = call!(system, SetSDKVersion(major, minor, build));
-        let known =
-            [sys::EVRInitError_VRInitError_None, sys::EVRInitError_VRInitError_Init_ClientVersionAlreadyProvided];
-        if !known.contains(&error) {
-            return Err(init_error(core, error));
+        let system: &'static sys::VR_IVRSystem_FnTable = table(core)?;
+        // Runtimes before SDK 2.15 do not ask for it.
+        if system.SetSDKVersion.is_some() {
+            let [major, minor, build] = SDK_VERSION;
+            let error = call!(system, SetSDKVersion(major, minor, build));
+            let known =
+                [sys::EVRInitError_VRInitError_None, sys::EVRInitError_VRInitError_Init_ClientVersionAlreadyProvided];
+            if !known.contains(&error) {
+                return Err(init_error(core, error));
+            }
         }
         let draws = role != Role::Utility;
         let runtime = Self {
             core,
+            name: paths.name(),
             system,
-            applications: table(core, sys::IVRApplications_Version)?,
-            settings: table(core, sys::IVRSettings_Version)?,
-            overlay: draws.then(|| table(core, sys::IVROverlay_Version)).transpose()?,
-            compositor: draws.then(|| table(core, sys::IVRCompositor_Version)).transpose()?,
-            chaperone: draws.then(|| table(core, sys::IVRChaperone_Version)).transpose()?,
+            applications: table(core)?,
+            settings: table(core)?,
+            overlay: draws.then(|| table(core)).transpose()?,
+            compositor: draws.then(|| table(core)).transpose()?,
+            chaperone: draws.then(|| table(core)).transpose()?,
         };
         std::mem::forget(guard);
         Ok(runtime)
     }
 
-    /// Version of SteamVR, as it reports it.
-    pub fn version(&self) -> String {
-        string_from(call!(self.system, GetRuntimeVersion()))
+    /// What the runtime is, with the version that it reports.
+    pub fn name_and_version(&self) -> String {
+        let version = string_from(call!(self.system, GetRuntimeVersion()));
+        match version {
+            Some(version) => format!("{} {version}", self.name),
+            None => format!("{}, of unknown version", self.name),
+        }
     }
 }
 
@@ -197,25 +233,16 @@ fn functions(core: *mut Core) -> &'static CoreFunctions {
     unsafe { &*(*core).functions }
 }
 
-/// A function table without null pointers.
-fn table<T>(core: *mut Core, version: &CStr) -> Result<&'static T, OpenVrError> {
-    let missing = || OpenVrError::Interface(version.to_string_lossy().into_owned());
-    let name = [b"FnTable:", version.to_bytes()].concat();
-    let name = CString::new(name).map_err(|_| missing())?;
-    let mut error = sys::EVRInitError_VRInitError_None;
-    // SAFETY: a session is active; a zero-terminated text and a variable for a number.
-    let found = unsafe { (functions(core).get_generic_interface)(core, name.as_ptr(), &mut error) };
-    if found.is_null() || error != sys::EVRInitError_VRInitError_None {
-        return Err(missing());
-    }
-    // SAFETY: an interface of this version has this many functions, and a table consists only of
-    // function pointers.
-    let words = unsafe { std::slice::from_raw_parts(found.cast::<usize>(), size_of::<T>() / size_of::<usize>()) };
-    if words.contains(&0) {
-        return Err(missing());
-    }
-    // SAFETY: as above; the table stays in place while the library is loaded.
-    Ok(unsafe { &*found.cast::<T>() })
+/// The newest of the versions of an interface that this program can use.
+fn table<T: Interface>(core: *mut Core) -> Result<&'static T, OpenVrError> {
+    let request = |name: &CStr| {
+        let mut error = sys::EVRInitError_VRInitError_None;
+        // SAFETY: a session is active; a zero-terminated text and a variable for a number.
+        let found = unsafe { (functions(core).get_generic_interface)(core, name.as_ptr(), &mut error) };
+        (!found.is_null() && error == sys::EVRInitError_VRInitError_None).then_some(found.cast_const().cast::<usize>())
+    };
+    // SAFETY: the library gives tables of the version asked for, and stays loaded.
+    unsafe { interfaces::find(request) }
 }
 
 /// The error for a failed Init.
@@ -235,11 +262,12 @@ fn init_error(core: *mut Core, error: sys::EVRInitError) -> OpenVrError {
     }
 }
 
-/// A text of the runtime, which may be null.
-pub(super) fn string_from(text: *const c_char) -> String {
+/// A text of the runtime, which may be null or empty.
+pub(super) fn string_from(text: *const c_char) -> Option<String> {
     if text.is_null() {
-        return "no error text".to_owned();
+        return None;
     }
     // SAFETY: not null, and the runtime's texts are zero-terminated constants.
-    unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
+    let text = unsafe { CStr::from_ptr(text) }.to_string_lossy();
+    (!text.trim().is_empty()).then(|| text.into_owned())
 }

@@ -31,7 +31,23 @@ pub struct RuntimePaths {
     pub config: Option<PathBuf>,
 }
 
+/// SteamVR's server within its folder.
+const SERVER: &str = if cfg!(windows) { r"bin\win64\vrserver.exe" } else { "bin/linux64/vrserver" };
+
 impl RuntimePaths {
+    /// What the runtime is: SteamVR, or another program that offers OpenVR. All of them report a version of SteamVR.
+    pub fn name(&self) -> String {
+        match self.is_steamvr() {
+            true => "SteamVR".to_owned(),
+            false => format!("the VR runtime in {} (not SteamVR)", self.runtime.display()),
+        }
+    }
+
+    /// Whether it is SteamVR.
+    pub fn is_steamvr(&self) -> bool {
+        self.runtime.join(SERVER).exists() || cfg!(target_os = "macos")
+    }
+
     /// The runtime that Valve's loader would use.
     ///
     /// # Errors

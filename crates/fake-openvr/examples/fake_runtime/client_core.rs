@@ -6,6 +6,7 @@ use std::ffi::{CStr, c_char, c_int, c_void};
 use std::sync::LazyLock;
 
 use crate::memory::{read_text, write};
+use crate::older_tables::OlderTable;
 use crate::table::text;
 use crate::{applications, chaperone, compositor, overlay_table, settings, sys, system, world};
 
@@ -86,9 +87,31 @@ unsafe extern "C" fn cleanup(_this: *mut c_void) {
     world::cleanup();
 }
 
+/// The table of a version, if the SDK of this runtime has it.
 fn find(name: &str) -> Option<usize> {
-    let known = |version: &CStr| version.to_str().is_ok_and(|version| version == name);
-    TABLES.iter().find(|(version, _)| known(version)).map(|(_, table)| *table)
+    let older = world::sdk().older();
+    if let Some(older) = older.iter().find(|older| older.version == name) {
+        return older_table(older);
+    }
+    let (version, table) = TABLES.iter().find(|(version, _)| version.to_str() == Ok(name))?;
+    let is_replaced =
+        older.iter().any(|older| interface_of(older.version) == version.to_str().ok().and_then(interface_of));
+    (!is_replaced).then_some(*table)
+}
+
+/// An interface's name without its version.
+fn interface_of(version: &str) -> Option<&str> {
+    version.split_once('_').map(|(interface, _)| interface)
+}
+
+/// The functions of the newest table in the order of an older one.
+fn older_table(older: &OlderTable) -> Option<usize> {
+    let is_same = |version: &CStr| version.to_str().ok().and_then(interface_of) == interface_of(older.version);
+    let (_, newest) = TABLES.iter().find(|(version, _)| is_same(version))?;
+    // SAFETY: the positions are within the newest table, which is leaked and holds only pointers.
+    let function = |position: &usize| unsafe { *(*newest as *const usize).add(*position) };
+    let table: Vec<usize> = older.positions.iter().map(function).collect();
+    Some(table.leak().as_ptr() as usize)
 }
 
 unsafe extern "C" fn is_interface_version_valid(_this: *mut c_void, name: *const c_char) -> u32 {

@@ -71,6 +71,8 @@ pub enum Command {
     Quit,
     /// Makes the next `count` calls of a function fail.
     Fail { function: String, count: u32 },
+    /// The next WaitFrameSync returns only after this time, seconds.
+    Hang { for_s: f64 },
     /// The headset is taken off.
     Standby,
     /// The headset is put on.

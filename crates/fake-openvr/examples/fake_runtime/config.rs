@@ -8,6 +8,7 @@ use radar_sar::geometry::Pose;
 use serde::Deserialize;
 
 use crate::commands::TimedCommand;
+use crate::older_tables::Sdk;
 
 /// A position and a rotation about the vertical axis.
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -100,7 +101,19 @@ impl Default for Chaperone {
     }
 }
 
-/// The configuration. 16 fields: the file's entries as they are.
+/// A deviation from SteamVR, as other runtimes show it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Defect {
+    /// The headset has no CurrentUniverseId.
+    NoUniverseId,
+    /// Init ends the process.
+    AbortsInInit,
+    /// Settings are answered with zero and no error.
+    ZeroSettings,
+}
+
+/// The configuration. 18 fields: the file's entries as they are.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
@@ -127,6 +140,9 @@ pub struct Config {
     /// Settings by section and key, overriding the built-in ones.
     pub settings: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
     pub events: Vec<TimedCommand>,
+    /// The SDK whose interfaces the runtime has.
+    pub sdk: Sdk,
+    pub defects: Vec<Defect>,
 }
 
 impl Default for Config {
@@ -159,11 +175,18 @@ impl Default for Config {
             chaperone: Chaperone::default(),
             settings: BTreeMap::new(),
             events: Vec::new(),
+            sdk: Sdk::default(),
+            defects: Vec::new(),
         }
     }
 }
 
 impl Config {
+    /// Whether the runtime has a defect.
+    pub fn has(&self, defect: Defect) -> bool {
+        self.defects.contains(&defect)
+    }
+
     /// Reads the configuration.
     ///
     /// # Errors

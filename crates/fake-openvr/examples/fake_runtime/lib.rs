@@ -23,6 +23,7 @@ mod eye_picture;
 mod eyes;
 mod housekeeper;
 mod memory;
+mod older_tables;
 mod overlay;
 mod overlay_table;
 mod painter;

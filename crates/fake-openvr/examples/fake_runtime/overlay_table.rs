@@ -11,6 +11,7 @@ use radar_sar::geometry::Pose;
 use crate::clock::{now_ns, sleep_until};
 use crate::eyes::Edges;
 use crate::memory::{read, read_text, write, write_part, write_text};
+use crate::older_tables::Sdk;
 use crate::overlay::{MAX_OVERLAYS, Overlay, Texture, Transform, thumbnail_key};
 use crate::poses::{matrix, pose};
 use crate::report::Report;
@@ -226,7 +227,11 @@ unsafe extern "C" fn error_name(error: u32) -> *mut c_char {
 }
 
 unsafe extern "C" fn set_flag(handle: u64, flag: u32, enabled: bool) -> u32 {
+    let is_older = crate::world::sdk() != Sdk::V2_15;
     with_overlay("SetOverlayFlag", handle, |overlay, report| {
+        if is_older && flag == sys::VROverlayFlags_NoBackside {
+            return Err(BAD_PARAMETER);
+        }
         let known = sys::VROverlayFlags_NoDashboardTab..=sys::VROverlayFlags_NoBackside;
         if !flag.is_power_of_two() || !known.contains(&flag) {
             report.violation("no such flag", format!("{flag:#x}"));
@@ -483,6 +488,8 @@ enum Wait {
     Frame(i64),
     /// Times out.
     TimesOut,
+    /// Returns at this time, however late, as if the frame had just begun.
+    Hangs,
 }
 
 fn plan_wait(world: &mut World, timeout_ms: u32) -> (Wait, i64) {
@@ -493,6 +500,9 @@ fn plan_wait(world: &mut World, timeout_ms: u32) -> (Wait, i64) {
     let gives_up_ns = now_ns + i64::from(timeout_ms) * 1_000_000;
     let current = world.frames.at(now_ns);
     let begins_ns = world.frames.start_ns(current + 1);
+    if world.hangs_until_ns > now_ns {
+        return (Wait::Hangs, world.hangs_until_ns);
+    }
     if !world.server.alive(now_ns) || begins_ns > gives_up_ns {
         return (Wait::TimesOut, gives_up_ns);
     }
@@ -509,9 +519,13 @@ unsafe extern "C" fn wait_frame_sync(timeout_ms: u32) -> u32 {
     let Some((wait, until_ns)) = plan else { return code };
     // Sleeps outside the lock.
     sleep_until(until_ns);
-    let Wait::Frame(frame) = wait else { return TIMED_OUT };
+    if matches!(wait, Wait::TimesOut) {
+        return TIMED_OUT;
+    }
     if let Some(world) = crate::world::lock().as_mut() {
-        world.frames.begin(frame);
+        if let Wait::Frame(frame) = wait {
+            world.frames.begin(frame);
+        }
         world.report.frames += 1;
     }
     NONE
@@ -632,7 +646,11 @@ fn take_texture(world: &mut World, handle: u64, texture: *const sys::Texture_t) 
     if overlay.dashboard {
         world.report.dashboard_textures += 1;
     }
-    overlay.texture = Some(Texture { size: [image.width, image.height], color_space: texture.eColorSpace, copied });
+    let size = [image.width, image.height];
+    if overlay.texture.as_ref().is_some_and(|before| before.size != size) {
+        world.report.texture_size_changes += 1;
+    }
+    overlay.texture = Some(Texture { size, color_space: texture.eColorSpace, copied });
     Ok(())
 }
 

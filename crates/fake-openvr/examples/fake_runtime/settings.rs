@@ -5,6 +5,7 @@ use std::ffi::c_char;
 
 use serde_json::Value;
 
+use crate::config::Defect;
 use crate::memory::{read_text, write, write_text};
 use crate::table::{table, text};
 use crate::world::call;
@@ -84,6 +85,10 @@ fn get<T: table::Failure + Copy>(
             write(error, READ_FAILED);
             return T::failure(0);
         };
+        if world.config.has(Defect::ZeroSettings) {
+            write(error, NONE);
+            return T::failure(0);
+        }
         let found = world.settings.get(section, key);
         let value = found.and_then(convert);
         write(

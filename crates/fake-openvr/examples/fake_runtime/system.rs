@@ -5,6 +5,7 @@ use std::ffi::{c_char, c_void};
 use radar_sar::geometry::Pose;
 
 use crate::clock::now_ns;
+use crate::config::Defect;
 use crate::memory::{write, write_all, write_part, write_text};
 use crate::poses::{matrix, no_pose};
 use crate::table::{table, text};
@@ -211,7 +212,8 @@ unsafe extern "C" fn int_property(device: u32, asked: u32, error: *mut u32) -> i
 
 unsafe extern "C" fn u64_property(device: u32, asked: u32, error: *mut u32) -> u64 {
     property("GetUint64TrackedDeviceProperty", device, error, |world| {
-        let known = device == 0 && asked == sys::ETrackedDeviceProperty_Prop_CurrentUniverseId_Uint64;
+        let is_universe = asked == sys::ETrackedDeviceProperty_Prop_CurrentUniverseId_Uint64;
+        let known = device == 0 && is_universe && !world.config.has(Defect::NoUniverseId);
         known.then_some(world.universes.id)
     })
 }

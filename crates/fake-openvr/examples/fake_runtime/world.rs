@@ -7,11 +7,12 @@ use radar_sar::geometry::Pose;
 
 use crate::clock::{Frames, now_ns};
 use crate::commands::{Command, RecenterTarget};
-use crate::config::Config;
+use crate::config::{Config, Defect};
 use crate::connection::Connection;
 use crate::devices::Devices;
 use crate::events::{Events, event, universe_changed};
 use crate::housekeeper;
+use crate::older_tables::Sdk;
 use crate::overlay::Overlays;
 use crate::paths::Paths;
 use crate::report::{Report, write_whole};
@@ -35,6 +36,8 @@ pub struct World {
     pub universes: Universes,
     pub devices: Devices,
     pub standby: bool,
+    /// Until then no frame begins, and waiting for one does not return.
+    pub hangs_until_ns: i64,
     pub events: Events,
     pub overlays: Overlays,
     pub settings: Settings,
@@ -77,6 +80,11 @@ pub fn unsupported(name: &'static str) {
 /// Whether a client is connected.
 pub fn is_running() -> bool {
     lock().as_ref().is_some_and(|world| world.connection.is_running())
+}
+
+/// The SDK of this runtime; before Init the newest.
+pub fn sdk() -> Sdk {
+    lock().as_ref().map(|world| world.config.sdk).unwrap_or_default()
 }
 
 /// Connects.
@@ -134,6 +142,9 @@ impl World {
         let no_path = |why| (sys::EVRInitError_VRInitError_Init_NoConfigPath, why);
         let place = Paths::find().map_err(no_path)?;
         let config = Config::read(&place.config()).map_err(no_path)?;
+        if config.has(Defect::AbortsInInit) {
+            std::process::abort();
+        }
         let mut server = Server::find(&place.server_lock(), now_ns).ok_or_else(|| no_server(application_type))?;
         // Utilities, which register applications, need no server.
         let is_utility = application_type == sys::EVRApplicationType_VRApplication_Utility;
@@ -157,6 +168,7 @@ impl World {
             universes: Universes::new(&config),
             devices,
             standby: false,
+            hangs_until_ns: i64::MIN,
             events: Events::default(),
             overlays: Overlays::default(),
             settings: Settings::new(&config.settings),
@@ -206,6 +218,7 @@ impl World {
                 self.send(event(sys::EVREventType_VREvent_Quit, NO_DEVICE));
             }
             Command::Fail { function, count } => self.script.fail(function, *count),
+            Command::Hang { for_s } => self.hangs_until_ns = time_ns.saturating_add((for_s * 1e9) as i64),
             Command::Standby => self.stand_by(true),
             Command::Wake => self.stand_by(false),
             Command::Color { r, g, b, a } => {

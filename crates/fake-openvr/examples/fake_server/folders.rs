@@ -51,6 +51,8 @@ impl Folders {
             fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
         }
         link(library, &binaries.join("vrclient.so"))?;
+        // By this file programs recognise SteamVR.
+        fs::write(binaries.join("vrserver"), "")?;
         fs::write(self.runtime().join("fake.json"), serde_json::to_vec_pretty(config)?)?;
         self.remove_temporary()?;
         let registry = json!({
