@@ -33,6 +33,7 @@ mod sound;
 mod stop;
 #[cfg(all(test, unix))]
 mod test_board;
+mod watchdog;
 
 pub use board_report::{config_table, counter_lines, line_speed, preset_table, verdict};
 pub use core_wait::CoreWait;
@@ -42,7 +43,7 @@ pub use frame_intake::{ChosenSensor, FrameIntake, Until};
 pub use frame_loss::FrameLossCounter;
 pub use headset::{
     Ending, EventSink, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, MapStore,
-    RetainedGraphics, SensorCount,
+    RetainedGraphics, SensorCount, WarningOutput,
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};

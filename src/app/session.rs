@@ -1,9 +1,9 @@
 //! Sessions with SteamVR: connects, starts the sensor's thread and the frame loop, and reports.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::Builder;
 use std::time::Duration;
 
@@ -18,7 +18,8 @@ use super::sensor_supervisor::{ChooseSensor, SensorSupervisor, SupervisorPlan};
 use super::session_report::{SessionReport, print_report};
 use super::session_view;
 use super::stop::stop_flag;
-use super::{Ending, FrameLoop, HeadsetError, HeadsetReport, MapStore, RetainedGraphics, SettingsStore};
+use super::watchdog::{Heartbeat, exit_now};
+use super::{Ending, FrameLoop, HeadsetReport, MapStore, SettingsStore, now_ns};
 use crate::openvr::{Chaperone, OpenVrError, Role, Runtime, RuntimePaths};
 use crate::settings::Settings;
 use crate::viewer::Recorder;
@@ -26,6 +27,9 @@ use crate::viewer::Recorder;
 /// Interval of checks for SteamVR. Choice: each check connects as a background application, which
 /// loads the runtime's library.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
+/// A runtime that still accepts connections after this time does not close, nanoseconds. Choice: SteamVR kills programs that have
+/// not ended 5 s after its request, and then ends itself; with reserve.
+const MAX_CLOSING_NS: i64 = 20_000_000_000;
 /// Reaction time to a stop while waiting. Choice: shorter than one perceives.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Longest wait for a board to stop when nothing is recorded. Choice: a sensor that does not answer
@@ -34,6 +38,9 @@ const MAX_STOP: Duration = Duration::from_millis(600);
 /// Longest wait for the end of a recording. Choice: the stream's 30 s without events and the
 /// board's 5 s fit; a recording that is abandoned lacks its index.
 const MAX_RECORDING_STOP: Duration = Duration::from_secs(40);
+
+/// Result of the sensor's thread, once it is over.
+type SensorEnd = Mutex<Receiver<Result<()>>>;
 
 /// What a run with SteamVR does.
 pub struct SessionOptions {
@@ -73,11 +80,13 @@ impl SessionOptions {
     fn sessions(&self, stop: &AtomicBool, view: Option<&Recorder>) -> Result<()> {
         let folder = user_folder("XDG_DATA_HOME", ".local/share").map(|folder| MapFolder::new(folder.join("maps")));
         let maps = folder.map(|folder| MapStore::new(folder, self.forget));
+        let mut closing = None;
         loop {
-            let Some(runtime) = self.connect(stop)? else { return Ok(()) };
+            let Some(runtime) = self.connect(stop, closing)? else { return Ok(()) };
             let ending = self.run_session(runtime, stop, view, maps.as_ref())?;
             // A recording covers one session.
             let is_again = self.wait && self.record.is_none() && ending != Ending::Asked;
+            closing = Some(Closing::begin(now_ns()));
             match ending {
                 _ if is_again => outln!("SteamVR has ended: waiting for it")?,
                 Ending::SteamVrGone => bail!("SteamVR exited unexpectedly: it was killed or has crashed"),
@@ -88,14 +97,18 @@ impl SessionOptions {
     }
 
     /// Connects to SteamVR; `None`: asked to stop while waiting. Never starts SteamVR, which a
-    /// session that draws would do.
-    fn connect(&self, stop: &AtomicBool) -> Result<Option<Runtime>> {
+    /// session that draws would do, and leaves one in peace that is `closing`.
+    fn connect(&self, stop: &AtomicBool, mut closing: Option<Closing>) -> Result<Option<Runtime>> {
         let mut printed = None;
         while !stop.load(Ordering::Relaxed) {
             let paths = RuntimePaths::find()?;
             let there = Runtime::start(&paths, Role::Background).map(drop);
-            match there.and_then(|()| Runtime::start(&paths, Role::Overlay)) {
-                Ok(runtime) => return Ok(Some(runtime)),
+            let is_closing = closing.as_mut().is_some_and(|closing| closing.is_still(now_ns(), there.is_ok()));
+            match there
+                .and_then(|()| if is_closing { Ok(None) } else { Runtime::start(&paths, Role::Overlay).map(Some) })
+            {
+                Ok(Some(runtime)) => return Ok(Some(runtime)),
+                Ok(None) => {}
                 Err(error) if !(self.wait && is_transient(&error)) => return Err(error.into()),
                 Err(error) if printed.as_ref() != Some(&error) => {
                     outln!("Waiting for SteamVR: {error}")?;
@@ -120,10 +133,11 @@ impl SessionOptions {
         view: Option<&Recorder>,
         maps: Option<&MapStore>,
     ) -> Result<Ending> {
-        outln!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
+        outln!("{}, {}", runtime.name_and_version(), runtime.headset_name())?;
         check_registration(&runtime);
         let runtime = Arc::new(runtime);
-        let compose = |text: &str, changes: &[String]| compose(&runtime.chaperone(), text, changes);
+        let session = Arc::clone(&runtime);
+        let compose = move |text: &str, changes: &[String]| compose(&session.chaperone(), text, changes);
         let (store, work) =
             SettingsStore::new(self.settings_file.clone(), &self.overrides, &compose).map_err(|why| anyhow!(why))?;
         let memory = MountMemory::new(&runtime.headset_name());
@@ -135,60 +149,94 @@ impl SessionOptions {
             );
         }
         let plan = SupervisorPlan::new(Arc::clone(&self.choose_sensor), self.record.clone(), memory);
-        let (supervisor, is_over) = SensorSupervisor::start(plan, &store.newest())?;
+        let (supervisor, sensor_end) = SensorSupervisor::start(plan, &store.newest())?;
+        let sensor_end = Mutex::new(sensor_end);
         let on_new = |before: &Settings, new: &Settings| apply_settings(&supervisor, before, new);
         let no_more = AtomicBool::new(false);
-        let done: Result<_> = std::thread::scope(|scope| {
-            let _end = EndGuard(&store, &no_more);
-            let (store, supervisor, is_over) = (&store, &supervisor, &no_more);
-            Builder::new().name("settings".into()).spawn_scoped(scope, move || work.run(store, &compose, &on_new))?;
-            if let Some(view) = view {
-                let update = move || session_view::update_view(view, supervisor, store, is_over);
-                Builder::new().name("desktop view".into()).spawn_scoped(scope, update)?;
-            }
-            Ok(self.draw(&runtime, supervisor, store, stop, maps)?)
+        let heartbeat = Heartbeat::default();
+        let done: Result<_> = std::thread::scope(|watched| {
+            let _watch = WatchGuard(&heartbeat);
+            let watch = || {
+                if heartbeat.watch(stop) {
+                    self.abandon_runtime(&supervisor, &sensor_end)
+                }
+            };
+            Builder::new().name("watchdog".into()).spawn_scoped(watched, watch)?;
+            let done = std::thread::scope(|scope| {
+                let _end = EndGuard(&store, &no_more);
+                let (store, supervisor, is_over) = (&store, &*supervisor, &no_more);
+                Builder::new()
+                    .name("settings".into())
+                    .spawn_scoped(scope, move || work.run(store, &compose, &on_new))?;
+                if let Some(view) = view {
+                    let update = move || session_view::update_view(view, supervisor, store, is_over);
+                    Builder::new().name("desktop view".into()).spawn_scoped(scope, update)?;
+                }
+                let (runtime, settings, heartbeat) = (&runtime, store, &heartbeat);
+                let frames = FrameLoop { runtime, supervisor, maps, settings, stop, heartbeat };
+                let done = frames.run();
+                heartbeat.begin_end();
+                Ok(done?)
+            });
+            supervisor.stop.store(true, Ordering::Relaxed);
+            // The session ends before the graphics that it may still copy from are dropped.
+            drop(runtime);
+            done
         });
-        supervisor.stop.store(true, Ordering::Relaxed);
-        // The session ends before the graphics that it may still copy from are dropped.
-        drop(runtime);
         let (report, drawn) = done?;
         drop(drawn);
-        self.end(&supervisor, &is_over, report)
+        self.end(&supervisor, &sensor_end, report)
     }
 
-    fn draw(
-        &self,
-        runtime: &Arc<Runtime>,
-        supervisor: &SensorSupervisor,
-        settings: &SettingsStore,
-        stop: &AtomicBool,
-        maps: Option<&MapStore>,
-    ) -> Result<(HeadsetReport, RetainedGraphics), HeadsetError> {
-        let with = FrameLoop { runtime, supervisor, maps, settings, stop };
-        with.run()
+    /// Ends the program while the runtime hangs: completes the recording and leaves the rest.
+    fn abandon_runtime(&self, supervisor: &SensorSupervisor, sensor_end: &SensorEnd) -> ! {
+        supervisor.stop.store(true, Ordering::Relaxed);
+        if let Err(error) = self.wait_for_sensor(sensor_end) {
+            log::error!("{error:#}");
+        }
+        log::error!("the VR runtime hangs: exiting without it");
+        exit_now(1)
+    }
+
+    /// Waits until the sensor's thread is over, within limits; its result.
+    fn wait_for_sensor(&self, sensor_end: &SensorEnd) -> Result<()> {
+        let patience = if self.record.is_some() { MAX_RECORDING_STOP } else { MAX_STOP };
+        let sensor_end = sensor_end.lock().unwrap_or_else(PoisonError::into_inner);
+        sensor_end.recv_timeout(patience).unwrap_or_else(|_| {
+            log::warn!("the sensor does not stop and is abandoned");
+            Ok(())
+        })
     }
 
     /// Stops the sensor and reports.
-    fn end(
-        &self,
-        supervisor: &SensorSupervisor,
-        is_over: &Receiver<Result<()>>,
-        done: HeadsetReport,
-    ) -> Result<Ending> {
-        let patience = if self.record.is_some() { MAX_RECORDING_STOP } else { MAX_STOP };
-        let supervised = match is_over.recv_timeout(patience) {
-            Ok(supervised) => supervised,
-            Err(_) => {
-                log::warn!("the sensor does not stop and is abandoned");
-                Ok(())
-            }
-        };
+    fn end(&self, supervisor: &SensorSupervisor, sensor_end: &SensorEnd, done: HeadsetReport) -> Result<Ending> {
+        let supervised = self.wait_for_sensor(sensor_end);
         let report = SessionReport::new(&done, supervisor.reconstruction());
         print_report(&report)?;
         if let Some(path) = &self.report {
             report.write(path)?;
         }
         supervised.map(|()| done.ending)
+    }
+}
+
+/// A runtime that has asked its programs to quit. For some seconds it still accepts connections, and one that draws may start it
+/// again.
+#[derive(Debug, Clone, Copy)]
+struct Closing {
+    since_ns: i64,
+    is_over: bool,
+}
+
+impl Closing {
+    fn begin(now_ns: i64) -> Self {
+        Self { since_ns: now_ns, is_over: false }
+    }
+
+    /// Whether a runtime that accepts connections is the one that closes.
+    fn is_still(&mut self, now_ns: i64, accepts: bool) -> bool {
+        self.is_over |= !accepts || now_ns.saturating_sub(self.since_ns) >= MAX_CLOSING_NS;
+        !self.is_over
     }
 }
 
@@ -199,6 +247,15 @@ impl Drop for EndGuard<'_> {
     fn drop(&mut self) {
         self.0.end();
         self.1.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Ends the watch when no call of the runtime follows.
+struct WatchGuard<'h>(&'h Heartbeat);
+
+impl Drop for WatchGuard<'_> {
+    fn drop(&mut self) {
+        self.0.end();
     }
 }
 
@@ -273,6 +330,19 @@ mod tests {
         let chaperone = Chaperone { fade_distance_m: chaperone_m, ..Default::default() };
         let table = chaperone_settings(&chaperone, own);
         table["warning"].get("fade_distance_m").and_then(toml::Value::as_float)
+    }
+
+    #[test]
+    fn a_closing_runtime_is_left_in_peace() {
+        const S: i64 = 1_000_000_000;
+        let mut closing = Closing::begin(0);
+        assert!(closing.is_still(0, true) && closing.is_still(5 * S, true));
+        assert!(
+            !closing.is_still(6 * S, false) && !closing.is_still(7 * S, true),
+            "it has ended, and is another one now"
+        );
+        let mut closing = Closing::begin(0);
+        assert!(closing.is_still(19 * S, true) && !closing.is_still(20 * S, true), "it does not close");
     }
 
     #[test]

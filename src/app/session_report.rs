@@ -8,7 +8,8 @@ use serde_json::{Value, json};
 use radar_mapping::MountInUse;
 
 use super::{
-    Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters, correction_text,
+    Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters, WarningOutput,
+    correction_text,
 };
 
 /// Results of a session.
@@ -68,6 +69,11 @@ impl SessionReport {
             "recentred": self.headset.recentred,
             "forgotten": self.headset.forgotten,
             "devices_lost": self.headset.devices_lost,
+            "warnings_by": match self.headset.output {
+                WarningOutput::AsSet => "display mode of the settings",
+                WarningOutput::PanelsInstead => "panels",
+                WarningOutput::CuesAlone => "cues",
+            },
             "calls_refused": self.headset.refused,
             "poses_untimed": self.headset.poses_untimed,
             "obstacles": self.obstacles,
@@ -93,7 +99,7 @@ fn latency(report: &LatencyReport) -> Value {
 
 /// Prints the report.
 pub fn print_report(report: &SessionReport) -> Result<()> {
-    let HeadsetStatus { frames, pictures, recentred, forgotten: map_resets, devices_lost, refused, .. } =
+    let HeadsetStatus { frames, pictures, recentred, forgotten: map_resets, devices_lost, refused, output, .. } =
         report.headset;
     let ms = |seconds: f64| seconds * 1e3;
     outln!(
@@ -131,5 +137,12 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
     outln!(
         "Overlays  {pictures} pictures handed over; recentred {recentred} times, map reset {map_resets}, graphics device \
          lost {devices_lost}, calls refused {refused}"
-    )
+    )?;
+    match output {
+        WarningOutput::AsSet => Ok(()),
+        WarningOutput::PanelsInstead => outln!("Display   refused by the VR runtime: panels were shown instead"),
+        WarningOutput::CuesAlone => {
+            outln!("Display   warnings were refused by the VR runtime: tones and pulses warned")
+        }
+    }
 }

@@ -54,6 +54,15 @@ pub enum MountHealth {
     Contradicted,
 }
 
+/// What the VR runtime refuses to show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DisplayTrouble {
+    /// The display mode of the settings: panels are shown.
+    PanelsInstead,
+    /// All warnings: tones and pulses warn.
+    CuesAlone,
+}
+
 /// State of the whole system.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Health {
@@ -81,6 +90,8 @@ pub struct Health {
     pub walls: usize,
     /// Number of obstacles and walls from the saved map that were not detected again yet.
     pub restored: usize,
+    /// What the VR runtime refuses to show.
+    pub display_trouble: Option<DisplayTrouble>,
     /// Error in the settings file, in one line.
     pub settings_trouble: Option<String>,
 }
@@ -124,12 +135,18 @@ impl Health {
         self.time_offset_sigma_s.is_some() || matches!(self.mount, MountHealth::Corrected { .. })
     }
 
-    /// Problems without a card: warnings are switched off, or the settings file is invalid.
+    /// Problems without a card: warnings are refused or switched off, or the settings file is invalid.
     pub(super) fn notice(&self, warnings: bool) -> Option<(State, String)> {
-        match (&self.settings_trouble, warnings) {
-            (Some(why), _) => Some((State::Fair, format!("Settings file: {}", shortened(why)))),
-            (None, false) => Some((State::Fair, "Warnings are switched off".into())),
-            (None, true) => None,
+        match (&self.display_trouble, &self.settings_trouble, warnings) {
+            (Some(DisplayTrouble::CuesAlone), _, _) => {
+                Some((State::Bad, "SteamVR refuses warnings: tones and pulses warn. Restart SteamVR".into()))
+            }
+            (_, Some(why), _) => Some((State::Fair, format!("Settings file: {}", shortened(why)))),
+            (_, None, false) => Some((State::Fair, "Warnings are switched off".into())),
+            (Some(DisplayTrouble::PanelsInstead), None, true) => {
+                Some((State::Fair, "SteamVR refuses this display mode: panels are shown".into()))
+            }
+            (None, None, true) => None,
         }
     }
 
@@ -297,6 +314,7 @@ mod tests {
 
     fn well() -> Health {
         Health {
+            display_trouble: None,
             sensor: SensorHealth::Streaming { sweeps_per_s: 1056.0, lost_percent: 0.0 },
             is_tracked: true,
             poses_per_s: 250.0,

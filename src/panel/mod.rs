@@ -12,7 +12,7 @@ mod notice;
 mod plan;
 mod switches;
 
-pub use health::{Health, MountHealth, SensorHealth};
+pub use health::{DisplayTrouble, Health, MountHealth, SensorHealth};
 pub use icon::icon;
 pub use notice::{NOTICE_SIZE, Notice, notice};
 pub use plan::{Head, Plan, PlanMovingTarget, PlanObstacle, hull};

@@ -20,13 +20,21 @@ pub enum Notice {
     SensorSilent,
     /// The reconstruction has stopped.
     MapStopped,
+    /// The runtime refuses the display mode of the settings.
+    PanelsInstead,
+    /// The runtime refuses all warnings.
+    CuesAlone,
     /// The fault is over.
     Recovered,
 }
 
 impl Notice {
     fn state(self) -> State {
-        if self == Self::Recovered { State::Good } else { State::Bad }
+        match self {
+            Self::Recovered => State::Good,
+            Self::PanelsInstead => State::Fair,
+            _ => State::Bad,
+        }
     }
 
     /// The first line. Also used in the log.
@@ -42,6 +50,10 @@ impl Notice {
                 ["Radar is silent: no new warnings", "If this persists, unplug it and plug it in again."]
             }
             Self::MapStopped => ["The map stopped: no new warnings", "Restart Radar chaperone."],
+            Self::PanelsInstead => {
+                ["Warnings are shown as panels", "SteamVR refuses the display mode of the settings."]
+            }
+            Self::CuesAlone => ["SteamVR refuses to show warnings", "Tones and pulses warn instead. Restart SteamVR."],
             Self::Recovered => ["The radar works again", "Warnings are active again."],
         }
     }
@@ -72,8 +84,9 @@ mod tests {
     #[test]
     fn notice_texts_fit() {
         let context = egui::Context::default();
-        for which in [Notice::NoSensor, Notice::SensorGone, Notice::SensorSilent, Notice::MapStopped, Notice::Recovered]
-        {
+        let faults = [Notice::NoSensor, Notice::SensorGone, Notice::SensorSilent, Notice::MapStopped];
+        let others = [Notice::PanelsInstead, Notice::CuesAlone, Notice::Recovered];
+        for which in faults.into_iter().chain(others) {
             let output = context.run_ui(egui::RawInput::default(), |ui| notice(ui, which));
             let texts: Vec<Rect> = output
                 .shapes

@@ -10,7 +10,7 @@ use crate::warnings::{WALK_S, WALKS};
 
 /// Starts with these settings and takes a shot when the head is at the chair and the chair is lit. A machine whose
 /// cores are taken drops sweeps, and maps the chair in a later walk than the first.
-fn at_the_chair(rig: &mut Rig, configuration: &Value, settings: &[&str]) -> (Program, [Eye; 2], Value) {
+pub fn at_the_chair(rig: &mut Rig, configuration: &Value, settings: &[&str]) -> (Program, [Eye; 2], Value) {
     rig.start_sensor("furnished-room", "approach-chair", 1, WALKS * WALK_S);
     let mut configuration = configuration.clone();
     let near = |walk: u32| format!("near{walk}");
@@ -31,7 +31,7 @@ fn at_the_chair(rig: &mut Rig, configuration: &Value, settings: &[&str]) -> (Pro
     (program, eyes, shot)
 }
 
-fn end(rig: &Rig, program: Program) {
+pub fn end(rig: &Rig, program: Program) {
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     let report = rig.report();

@@ -13,6 +13,7 @@ mod install;
 mod lifecycle;
 mod mount;
 mod notice;
+mod other_runtimes;
 mod recorded;
 mod rig;
 mod room;

@@ -3,8 +3,7 @@
 use crate::app::now_ns;
 use crate::app::sound::TonePlayer;
 use crate::openvr::{Hands, Runtime};
-use crate::settings::Settings;
-use crate::warning::{CueScheduler, Warnings, Wearer};
+use crate::warning::{CueScheduler, CueSettings, Warnings, Wearer};
 
 /// Least interval of ticks to one controller, nanoseconds. Source: openvr.h, which refuses a pulse
 /// within 5 ms of the last. Choice: 1 ms more, because late frames come closer together.
@@ -27,9 +26,10 @@ impl CueOutput {
         hands: Hands,
         warnings: &Warnings,
         wearer: &Wearer,
-        settings: &Settings,
+        brightness: f32,
+        settings: &CueSettings,
     ) {
-        let cue = self.cues.update(warnings, wearer, settings.warning.brightness, &settings.cues);
+        let cue = self.cues.update(warnings, wearer, brightness, settings);
         for (hand, tick_us) in cue.ticks_us.into_iter().enumerate() {
             let is_ready = now_ns().saturating_sub(self.ticked_ns[hand]) >= MIN_TICK_INTERVAL_NS;
             if let Some(tick_us) = tick_us.filter(|tick_us| *tick_us > 0 && is_ready) {

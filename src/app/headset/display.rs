@@ -56,12 +56,25 @@ enum Kind {
 }
 
 impl WarningDisplay {
+    /// The display mode of the settings, or panels where the runtime refuses it.
+    ///
     /// # Errors
-    /// The runtime refuses an overlay or does not report the eyes.
+    /// The runtime refuses panels too.
     pub fn new(runtime: &Arc<Runtime>, settings: &Settings) -> Result<Self, HeadsetError> {
+        let mode = settings.headset.display;
+        Self::with_mode(runtime, settings, mode).or_else(|error| {
+            if mode == Display::Panels {
+                return Err(error);
+            }
+            log::warn!("{error}. Panels are shown instead of the display mode of the settings");
+            Self::with_mode(runtime, settings, Display::Panels)
+        })
+    }
+
+    fn with_mode(runtime: &Arc<Runtime>, settings: &Settings, mode: Display) -> Result<Self, HeadsetError> {
         let eyes = runtime.eyes();
         let no_eyes = || OpenVrError::Call { call: "the eyes", name: "they make no picture".to_owned() };
-        let kind = match settings.headset.display {
+        let kind = match mode {
             Display::Panels => Kind::Panels(OverlayPool::new(runtime, false)?),
             Display::Stereo => {
                 eyes.ok_or_else(no_eyes)?;
@@ -79,17 +92,30 @@ impl WarningDisplay {
         Ok(Self { kind, eyes, released: Vec::new() })
     }
 
-    /// Switches to another display mode. Where the runtime refuses the new mode, the previous one
-    /// is created again.
-    pub fn switch(&mut self, runtime: &Arc<Runtime>, settings: &Settings, before: &Settings) {
+    /// The display mode in use.
+    pub fn mode(&self) -> Display {
+        match self.kind {
+            Kind::Panels(_) => Display::Panels,
+            Kind::Stereo(_) => Display::Stereo,
+            Kind::Projection { .. } => Display::Projection,
+        }
+    }
+
+    /// Switches to the display mode of the settings, or to panels where the runtime refuses it.
+    pub fn switch(&mut self, runtime: &Arc<Runtime>, settings: &Settings) {
+        self.replace(|| Self::new(runtime, settings));
+    }
+
+    /// Switches to panels.
+    pub fn switch_to_panels(&mut self, runtime: &Arc<Runtime>, settings: &Settings) {
+        self.replace(|| Self::with_mode(runtime, settings, Display::Panels));
+    }
+
+    fn replace(&mut self, make: impl FnOnce() -> Result<Self, HeadsetError>) {
         // The overlays have the same names, so the existing ones must go first.
         let nothing = Self { kind: Kind::Panels(OverlayPool::none()), eyes: None, released: Vec::new() };
         let pictures = std::mem::replace(self, nothing).kind.end();
-        let made = Self::new(runtime, settings).or_else(|error| {
-            log::warn!("display mode not available, keeping the previous one: {error}");
-            Self::new(runtime, before)
-        });
-        match made {
+        match make() {
             Ok(made) => *self = made,
             Err(error) => log::error!("no warnings can be shown: {error}"),
         }

@@ -10,6 +10,7 @@ use super::anchor::{Anchor, AnchorChange};
 use super::cue_output::CueOutput;
 use super::dashboard::{Dashboard, Facts, PanelSources, PanelWorker};
 use super::display::{ShowError, Viewpoint, WarningDisplay};
+use super::display_monitor::{DisplayChange, DisplayMonitor};
 use super::graphics::{DrawDevice, Graphics, LostDevices};
 use super::map_autosave::{MapAutosave, MapStore};
 use super::meter::{FrameMeter, FrameTimes};
@@ -18,10 +19,11 @@ use super::runtime_monitor::RuntimeMonitor;
 use super::samples::{HandSampler, poses_now, sample, wearer};
 use super::session_frame::SessionFrame;
 use super::status::{Ending, HeadsetError, HeadsetReport, HeadsetStatus};
+use crate::app::watchdog::Heartbeat;
 use crate::app::{CoreWait, PublishedMap, Reconstruction, SettingsStore, now_ns, thread_cpu_ns};
-use crate::openvr::{DisplayTiming, Hands, Runtime, RuntimeEvent, Universe};
+use crate::openvr::{DisplayTiming, Hands, Runtime, RuntimeEvent, Universe, time_in_runtime_ns};
 use crate::render::RenderError;
-use crate::settings::Settings;
+use crate::settings::{Display, Settings};
 use crate::warning::WarningTracker;
 use radar_mapping::{Event, Scene};
 use radar_sar::geometry::Pose;
@@ -52,6 +54,8 @@ pub struct FrameLoop<'a> {
     pub settings: &'a SettingsStore,
     /// Ends the loop.
     pub stop: &'a AtomicBool,
+    /// Shows that the loop runs.
+    pub heartbeat: &'a Heartbeat,
 }
 
 impl FrameLoop<'_> {
@@ -110,6 +114,7 @@ struct LoopState<'s, 'a> {
     dashboard: Dashboard,
     device: DrawDevice,
     shown: WarningDisplay,
+    display: DisplayMonitor,
     frame: SessionFrame<'s>,
     monitor: RuntimeMonitor,
     settings: CurrentSettings,
@@ -165,11 +170,13 @@ impl<'s, 'a> LoopState<'s, 'a> {
         let settings = CurrentSettings::new(with.settings);
         let (dashboard, panel) = Dashboard::new(with.runtime);
         let (meter, now) = (FrameMeter::new(timing.frame_hz), HeadsetStatus::default());
+        let shown = WarningDisplay::new(with.runtime, &settings.now)?;
         let state = Self {
             with,
             dashboard,
             device: DrawDevice::new(graphics),
-            shown: WarningDisplay::new(with.runtime, &settings.now)?,
+            display: DisplayMonitor::new(shown.mode() == settings.now.headset.display),
+            shown,
             frame: SessionFrame::new(shared_frame),
             monitor: RuntimeMonitor::default(),
             settings,
@@ -191,7 +198,9 @@ impl<'s, 'a> LoopState<'s, 'a> {
         loop {
             self.wait(period, last_ns);
             let (start_ns, cpu_ns, start_waited_ns) = (now_ns(), thread_cpu_ns(), core_wait.total_ns());
+            let runtime_ns = time_in_runtime_ns();
             last_ns = start_ns;
+            self.with.heartbeat.beat(start_ns);
             if self.with.stop.load(Ordering::Relaxed) {
                 return Ending::Asked;
             }
@@ -211,6 +220,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
                 start_ns,
                 end_ns,
                 cpu_ns: thread_cpu_ns() - cpu_ns,
+                in_runtime_ns: time_in_runtime_ns() - runtime_ns,
                 waited_ns: end_waited_ns - start_waited_ns,
                 waited_before_ns: start_waited_ns - last_waited_ns,
             });
@@ -253,7 +263,8 @@ impl<'s, 'a> LoopState<'s, 'a> {
         let Some(before) = self.settings.update(self.with.settings) else { return };
         let (was, is) = (&before.headset, &self.settings.now.headset);
         if (was.display, was.projection_matrix) != (is.display, is.projection_matrix) {
-            self.shown.switch(self.with.runtime, &self.settings.now, &before);
+            self.shown.switch(self.with.runtime, &self.settings.now);
+            self.display = DisplayMonitor::new(self.shown.mode() == self.settings.now.headset.display);
         }
     }
 
@@ -306,12 +317,8 @@ impl<'s, 'a> LoopState<'s, 'a> {
     fn show(&mut self, now_ns: i64) {
         let Some(anchor) = self.frame.anchor() else { return };
         let newest = self.take_scene(&anchor);
-        let shown = self.show_warnings(now_ns, &anchor);
-        if let Err(error) = shown {
-            self.status.now.refused += 1;
-            if self.status.now.refused == 1 {
-                log::warn!("{error}");
-            }
+        if let Err(error) = self.show_warnings(now_ns, &anchor) {
+            self.count_refusal(&error);
         }
         if let Some((newest_sweep_ns, sensor_period_ns)) = newest {
             self.status.meter.shown(newest_sweep_ns, self::now_ns(), sensor_period_ns);
@@ -340,7 +347,15 @@ impl<'s, 'a> LoopState<'s, 'a> {
         }
         let wearer = wearer(now_ns, standing_from_head, &poses, &anchor.raw_from_standing());
         let warnings = self.scene.tracker.warn(&wearer, &self.settings.now.warning);
-        self.cues.output(self.with.runtime, self.hands, &warnings, &wearer, &self.settings.now);
+        let cues = self.display.cues(&self.settings.now.cues);
+        self.cues.output(
+            self.with.runtime,
+            self.hands,
+            &warnings,
+            &wearer,
+            self.settings.now.warning.brightness,
+            &cues,
+        );
         self.status.now.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
         if warnings.panels.is_empty() && warnings.footprints.is_empty() {
             return Ok(self.shown.hide()?);
@@ -355,8 +370,32 @@ impl<'s, 'a> LoopState<'s, 'a> {
             return if self.device.is_lost(now_ns, error) { self.lose_device(error) } else { Ok(()) };
         }
         self.device.drawn();
+        self.follow_refusals(now_ns, shown.as_ref().err());
         self.status.now.pictures += shown?;
         Ok(())
+    }
+
+    /// Falls back to another way to warn if the runtime refuses this one for good.
+    fn follow_refusals(&mut self, now_ns: i64, refusal: Option<&ShowError>) {
+        let why = refusal.map_or(String::new(), ToString::to_string);
+        match self.display.frame(now_ns, refusal.is_some(), self.shown.mode() == Display::Panels) {
+            DisplayChange::None => {}
+            DisplayChange::ToPanels => {
+                log::warn!("{why}. Panels are shown instead of the display mode of the settings");
+                self.shown.switch_to_panels(self.with.runtime, &self.settings.now);
+            }
+            DisplayChange::ToCues => {
+                log::error!("no warnings can be shown: {why}. Tones and pulses warn instead; restart SteamVR");
+            }
+            DisplayChange::ToDisplay => log::info!("the VR runtime shows warnings again"),
+        }
+    }
+
+    fn count_refusal(&mut self, error: &ShowError) {
+        self.status.now.refused += 1;
+        if self.status.now.refused == 1 {
+            log::warn!("{error}");
+        }
     }
 
     /// The dashboard's part of a frame.
@@ -364,12 +403,14 @@ impl<'s, 'a> LoopState<'s, 'a> {
         if self.dashboard.needs_graphics() {
             self.device.reopen(self.with.runtime, now_ns);
         }
+        self.status.now.output = self.display.output();
         let facts = Facts {
             standing_from_head: self.head.map(|(_, head)| head),
             standing_from_session: self.frame.anchor().map(|anchor| anchor.standing_from_session()),
             is_tracked: self.status.now.is_tracked,
             sensor: self.with.supervisor.sensor_count(),
             is_alive: self.with.supervisor.reconstruction().map(Reconstruction::is_alive),
+            output: self.status.now.output,
             may_notify: self.settings.now.headset.warnings && self.settings.now.headset.notices,
         };
         if let Err(error) = self.dashboard.update(now_ns, self.device.get(), &facts)

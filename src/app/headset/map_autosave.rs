@@ -25,6 +25,9 @@ const SAVE_INTERVAL_NS: i64 = 30_000_000_000;
 /// enough to restore the map before the wearer has moved far.
 const LEAP_SETTLE_NS: i64 = 1_000_000_000;
 
+/// A room without an id for this time has none, nanoseconds. Choice: an id may become known after the first poses.
+const MAX_NAMELESS_NS: i64 = 5_000_000_000;
+
 /// The folder of the saved maps, and whether to remove them: once for each room, over all sessions.
 #[derive(Debug)]
 pub struct MapStore {
@@ -69,6 +72,9 @@ struct Progress {
     map_resets: u64,
     saved_ns: i64,
     has_failed: bool,
+    /// Since when the room has had no id, and whether that was logged.
+    nameless_since_ns: Option<i64>,
+    nameless_logged: bool,
 }
 
 impl MapAutosave<'_, '_> {
@@ -95,7 +101,7 @@ impl MapAutosave<'_, '_> {
         let (room, epoch) = (*frame, reconstruction.epoch());
         drop(frame);
         let Some(room) = room else { return };
-        let Some(universe) = room.universe else { return };
+        let Some(universe) = room.universe else { return self.log_nameless_room(progress) };
         let (keeps, is_reset) = (self.settings.newest().headset.keep_map, progress.map_resets != room.map_resets);
         if !(keeps || is_reset) || !self.has_settled(progress, &room, universe) {
             return;
@@ -121,6 +127,16 @@ impl MapAutosave<'_, '_> {
             if let Some((_, known)) = reconstruction.saved_map().filter(|(of, _)| *of == epoch) {
                 self.save(progress, &room, universe, &known);
             }
+        }
+    }
+
+    /// Logs once that the map is not kept, when a room has had no id for some time.
+    fn log_nameless_room(&self, progress: &mut Progress) {
+        let since_ns = *progress.nameless_since_ns.get_or_insert(now_ns());
+        let is_lasting = now_ns().saturating_sub(since_ns) >= MAX_NAMELESS_NS;
+        if is_lasting && !progress.nameless_logged && self.settings.newest().headset.keep_map {
+            log::warn!("the VR runtime has no id for this room: the map is not kept for the next session");
+            progress.nameless_logged = true;
         }
     }
 

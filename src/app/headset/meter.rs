@@ -14,6 +14,8 @@ pub(super) struct FrameTimes {
     pub end_ns: i64,
     /// Its processor time.
     pub cpu_ns: i64,
+    /// Time during the frame within the runtime's calls.
+    pub in_runtime_ns: i64,
     /// Time during the frame in which the loop was runnable and had no core.
     pub waited_ns: i64,
     /// The same between the end of the previous frame and this one.
@@ -78,22 +80,21 @@ impl FrameMeter {
         if let Some(last) = self.last.replace(times) {
             let periods = (times.start_ns - last.start_ns) as f64 / self.period_ns as f64;
             if periods > LATE_PERIODS {
-                *self.missed(&last, &times) += periods.round() as u64 - 1;
+                self.count_missed(&last, &times, periods.round() as u64 - 1);
             }
         }
     }
 
-    /// The counter to which missed frames between two frames are attributed.
-    fn missed(&mut self, last: &FrameTimes, next: &FrameTimes) -> &mut u64 {
-        let took_ns = last.end_ns - last.start_ns;
-        let without_waiting_ns = next.start_ns - last.start_ns - last.waited_ns - next.waited_before_ns;
-        if took_ns - last.waited_ns > self.period_ns {
-            &mut self.missed_by_loop
-        } else if took_ns > self.period_ns || without_waiting_ns as f64 <= LATE_PERIODS * self.period_ns as f64 {
-            &mut self.missed_waiting_for_core
-        } else {
-            &mut self.missed_elsewhere
-        }
+    /// Attributes the frames missed between two frames: each cause gets those that its time alone covers.
+    fn count_missed(&mut self, last: &FrameTimes, next: &FrameTimes, missed: u64) {
+        let periods = |time_ns: i64| time_ns.max(0) as f64 / self.period_ns as f64;
+        let waited_ns = last.waited_ns + next.waited_before_ns;
+        let with_a_core = (periods(next.start_ns - last.start_ns - waited_ns).round() as u64).clamp(1, missed + 1) - 1;
+        let own_ns = last.end_ns - last.start_ns - last.waited_ns - last.in_runtime_ns;
+        let own = (periods(own_ns).floor() as u64).min(with_a_core);
+        self.missed_waiting_for_core += missed - with_a_core;
+        self.missed_by_loop += own;
+        self.missed_elsewhere += with_a_core - own;
     }
 
     /// Warnings that include all sweeps up to a time were shown. `sensor_period_ns`: length of a
@@ -141,6 +142,7 @@ mod tests {
             start_ns: start_ms * MS,
             end_ns: (start_ms + took_ms) * MS,
             cpu_ns: MS,
+            in_runtime_ns: 0,
             waited_ns: waited_ms * MS,
             waited_before_ns: 0,
         };
@@ -160,7 +162,11 @@ mod tests {
         assert_eq!(missed(&meter), (2, 3, 2), "it was woken in time, and had no core");
         meter.frame(FrameTimes { waited_before_ns: 4 * MS, ..times(220, 1, 0) });
         assert_eq!(missed(&meter), (2, 3, 3), "even with one at once it would have been late");
-        assert!((meter.report().wall.max_s - 0.025).abs() < 1e-9);
+        meter.frame(times(230, 1, 0));
+        meter.frame(FrameTimes { in_runtime_ns: 30 * MS, ..times(240, 45, 0) });
+        meter.frame(times(300, 1, 0));
+        assert_eq!(missed(&meter), (3, 3, 7), "of 45 ms of work 30 were the runtime's");
+        assert!((meter.report().wall.max_s - 0.045).abs() < 1e-9);
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod anchor;
 mod cue_output;
 mod dashboard;
 mod display;
+mod display_monitor;
 mod frames;
 mod graphics;
 mod head_poses;
@@ -21,6 +22,7 @@ mod samples;
 mod session_frame;
 mod status;
 
+pub use display_monitor::WarningOutput;
 pub use frames::{FrameLoop, RetainedGraphics};
 pub use head_poses::HeadPoses;
 pub use map_autosave::MapStore;

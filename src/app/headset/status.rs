@@ -1,5 +1,6 @@
 //! What the frame loop reports, and what it receives about the sensor.
 
+use super::display_monitor::WarningOutput;
 use super::graphics::GraphicsError;
 use super::meter::FrameReport;
 use crate::openvr::OpenVrError;
@@ -64,6 +65,8 @@ pub struct HeadsetStatus {
     pub forgotten: u64,
     /// How often the graphics device was lost.
     pub devices_lost: u64,
+    /// How the wearer is warned.
+    pub output: WarningOutput,
     /// Calls refused by the runtime.
     pub refused: u64,
     /// Poses dropped because reading them took too long to know their time.

@@ -1,13 +1,16 @@
 //! Collects what the dashboard's panel shows. Numbers are rounded, so that the panel is redrawn
 //! only for visible changes.
 
+use super::super::display_monitor::WarningOutput;
 use super::super::status::SensorCount;
 use std::sync::Arc;
 
 use glam::{DMat2, DVec2, DVec3};
 
 use crate::app::{PublishedMap, Reconstruction};
-use crate::panel::{Head, Health, MountHealth, PanelView, Plan, PlanMovingTarget, PlanObstacle, SensorHealth, hull};
+use crate::panel::{
+    DisplayTrouble, Head, Health, MountHealth, PanelView, Plan, PlanMovingTarget, PlanObstacle, SensorHealth, hull,
+};
 use crate::settings::Settings;
 use radar_mapping::{MountInUse, MovingTarget, Obstacle, Wall};
 use radar_sar::geometry::Pose;
@@ -31,6 +34,8 @@ pub(in super::super) struct Facts {
     pub sensor: Option<SensorCount>,
     /// Whether the reconstruction is running, once there is one.
     pub is_alive: Option<bool>,
+    /// How the wearer is warned.
+    pub output: WarningOutput,
     /// Whether the user wants notices in the headset.
     pub may_notify: bool,
 }
@@ -109,6 +114,11 @@ pub(super) fn view(
         poses_per_s: rates.poses_per_s,
         is_running: facts.is_alive == Some(true),
         settings_trouble,
+        display_trouble: match facts.output {
+            WarningOutput::AsSet => None,
+            WarningOutput::PanelsInstead => Some(DisplayTrouble::PanelsInstead),
+            WarningOutput::CuesAlone => Some(DisplayTrouble::CuesAlone),
+        },
         ..Health::default()
     };
     if let Some(published) = &published {

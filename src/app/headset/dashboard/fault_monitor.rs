@@ -4,6 +4,7 @@
 //! A fault is reported once it has lasted for some seconds, and again once a minute: nobody should
 //! rely on missing warnings, and nobody should be kept from playing.
 
+use super::super::display_monitor::WarningOutput;
 use super::super::status::SensorCount;
 use crate::panel::Notice;
 
@@ -31,6 +32,8 @@ pub(super) struct FaultMonitor {
     connected_ns: Option<i64>,
     /// The current notice and since when it applies.
     now: Option<(Notice, i64)>,
+    /// Since when panels have replaced the display mode of the settings.
+    panels_since_ns: Option<i64>,
 }
 
 /// Condition at a moment.
@@ -43,20 +46,48 @@ enum Condition {
 
 impl FaultMonitor {
     /// The notice to show now. `sensor`: what it has sent, while connected; `is_alive`: whether the
-    /// reconstruction is running, once there is one.
-    pub fn update(&mut self, now_ns: i64, sensor: Option<SensorCount>, is_alive: Option<bool>) -> Option<Notice> {
-        let seen = match is_alive {
-            Some(false) => Condition::Fault(Notice::MapStopped),
+    /// reconstruction is running, once there is one; `output`: how the wearer is warned.
+    pub fn update(
+        &mut self,
+        now_ns: i64,
+        sensor: Option<SensorCount>,
+        is_alive: Option<bool>,
+        output: WarningOutput,
+    ) -> Option<Notice> {
+        self.fault(now_ns, sensor, is_alive, output).or_else(|| self.replaced_display(now_ns, output))
+    }
+
+    /// Said once: nothing is missing.
+    fn replaced_display(&mut self, now_ns: i64, output: WarningOutput) -> Option<Notice> {
+        if output != WarningOutput::PanelsInstead {
+            self.panels_since_ns = None;
+            return None;
+        }
+        let since_ns = *self.panels_since_ns.get_or_insert(now_ns);
+        (now_ns.saturating_sub(since_ns) < NOTICE_NS).then_some(Notice::PanelsInstead)
+    }
+
+    fn fault(
+        &mut self,
+        now_ns: i64,
+        sensor: Option<SensorCount>,
+        is_alive: Option<bool>,
+        output: WarningOutput,
+    ) -> Option<Notice> {
+        let seen = match (is_alive, output) {
+            (Some(false), _) => Condition::Fault(Notice::MapStopped),
+            (_, WarningOutput::CuesAlone) => Condition::Fault(Notice::CuesAlone),
             _ => self.condition(now_ns, sensor),
         };
         match (seen, self.now) {
             // A change from one sensor fault to another does not restart the interval: a flapping
             // sensor would be reported without end.
             (Condition::Fault(wrong), Some((before, since_ns))) if before != Notice::Recovered => {
-                let is_graver = wrong == Notice::MapStopped && before != wrong;
+                let is_graver = matches!(wrong, Notice::MapStopped | Notice::CuesAlone) && before != wrong;
                 self.now = Some((wrong, if is_graver { now_ns } else { since_ns }));
             }
             (Condition::Fault(wrong), _) => self.now = Some((wrong, now_ns)),
+            (Condition::Good | Condition::Unknown, Some((Notice::CuesAlone, _))) => self.now = None,
             (Condition::Good, Some((before, _))) if before != Notice::Recovered => {
                 self.now = Some((Notice::Recovered, now_ns));
             }
@@ -109,7 +140,9 @@ mod tests {
     fn notices(sensor: impl Fn(i64) -> Option<u64>, seconds: i64) -> Vec<Option<Notice>> {
         let mut troubles = FaultMonitor::default();
         let count = |sweeps| SensorCount { sweeps, lost: 0 };
-        (0..seconds).map(|s| troubles.update(s * 1_000_000_000, sensor(s).map(count), Some(true))).collect()
+        (0..seconds)
+            .map(|s| troubles.update(s * 1_000_000_000, sensor(s).map(count), Some(true), WarningOutput::AsSet))
+            .collect()
     }
 
     fn times(notices: &[Option<Notice>], what: Notice) -> Vec<usize> {
@@ -169,12 +202,27 @@ mod tests {
     fn stopped_map_is_reported_at_once() {
         let mut troubles = FaultMonitor::default();
         let sensor = Some(SensorCount { sweeps: 5, lost: 0 });
-        assert_eq!(troubles.update(0, sensor, None), None, "it has not begun");
-        assert_eq!(troubles.update(1, sensor, Some(false)), Some(Notice::MapStopped));
+        assert_eq!(troubles.update(0, sensor, None, WarningOutput::AsSet), None, "it has not begun");
+        assert_eq!(troubles.update(1, sensor, Some(false), WarningOutput::AsSet), Some(Notice::MapStopped));
         let mut troubles = FaultMonitor::default();
-        let silent: Vec<_> = (0..40).map(|s| troubles.update(s * 1_000_000_000, sensor, Some(true))).collect();
+        let silent: Vec<_> =
+            (0..40).map(|s| troubles.update(s * 1_000_000_000, sensor, Some(true), WarningOutput::AsSet)).collect();
         assert!(silent.contains(&Some(Notice::SensorSilent)) && silent[39].is_none(), "{silent:?}");
-        let stopped = troubles.update(40_000_000_000, sensor, Some(false));
+        let stopped = troubles.update(40_000_000_000, sensor, Some(false), WarningOutput::AsSet);
         assert_eq!(stopped, Some(Notice::MapStopped), "though another fault was reported a moment ago");
+    }
+
+    #[test]
+    fn refused_displays_are_reported() {
+        let mut troubles = FaultMonitor::default();
+        let mut notices = |from_s: i64, to_s: i64, output| -> Vec<Option<Notice>> {
+            let sensor = |s: i64| Some(SensorCount { sweeps: s as u64, lost: 0 });
+            (from_s..to_s).map(|s| troubles.update(s * 1_000_000_000, sensor(s), Some(true), output)).collect()
+        };
+        let instead = notices(1, 100, WarningOutput::PanelsInstead);
+        assert_eq!(times(&instead, Notice::PanelsInstead), (0..8).collect::<Vec<_>>(), "once");
+        let refused = notices(100, 180, WarningOutput::CuesAlone);
+        assert_eq!(times(&refused, Notice::CuesAlone), (0..8).chain(60..68).collect::<Vec<_>>());
+        assert_eq!(notices(180, 200, WarningOutput::AsSet), [None; 20]);
     }
 }

@@ -49,8 +49,11 @@ impl NoticeOverlay {
     /// # Errors
     /// The runtime refuses.
     pub fn set_picture(&mut self, notice: Notice, texture: &VulkanTexture) -> Result<(), OpenVrError> {
+        // A refused picture must not be shown as one.
+        self.picture_of = None;
+        self.overlay.set_texture(texture)?;
         self.picture_of = Some(notice);
-        self.overlay.set_texture(texture)
+        Ok(())
     }
 
     /// The work of a frame: shows the wanted notice once its picture is there. Returns whether the

@@ -46,7 +46,7 @@ impl Notices {
         is_tab_open: bool,
         to_worker: &SyncSender<WorkerInput>,
     ) -> Result<(), OpenVrError> {
-        let trouble = self.faults.update(now_ns, facts.sensor, facts.is_alive);
+        let trouble = self.faults.update(now_ns, facts.sensor, facts.is_alive, facts.output);
         self.wanted = trouble.filter(|_| facts.may_notify && !is_tab_open);
         let Some(overlay) = &mut self.overlay else { return Ok(()) };
         if let Some(notice) = self.wanted.filter(|_| self.wanted != self.logged) {
