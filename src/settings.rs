@@ -1,5 +1,6 @@
 //! All settings, named as in the TOML file and in `--set`.
 
+mod games;
 mod renamed;
 
 use radar_mapping::{
@@ -9,6 +10,8 @@ use radar_mapping::{
 use radar_sar::{BoundedSettings, SettingBound, SettingOutOfBounds, bounds};
 use serde::{Deserialize, Serialize};
 
+use games::Games;
+pub use games::path_of;
 use renamed::{put, with_present_names};
 
 use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
@@ -26,6 +29,14 @@ pub enum SettingsError {
     /// `--set` without a value.
     #[error("--set {0}: write it as name=value, for example --set tracking.time_offset_s=0.02")]
     NoValue(String),
+    /// Wrong settings of a game.
+    #[error("settings of game \"{key}\": {why}")]
+    Game {
+        /// SteamVR's application key.
+        key: String,
+        /// The reason.
+        why: String,
+    },
     /// A value outside its bounds.
     #[error(transparent)]
     OutOfBounds(#[from] SettingOutOfBounds),
@@ -178,8 +189,26 @@ impl Settings {
     /// # Errors
     /// As [`Settings::from_toml`].
     pub fn from_layers(below: toml::Table, text: &str, changes: &[String]) -> Result<Self, SettingsError> {
+        Self::for_game(below, text, changes, None)
+    }
+
+    /// The same in a game, by SteamVR's application key: the text's settings of that game are over
+    /// its others.
+    ///
+    /// # Errors
+    /// As [`Settings::from_toml`]; also wrong settings of any game.
+    pub fn for_game(
+        below: toml::Table,
+        text: &str,
+        changes: &[String],
+        game: Option<&str>,
+    ) -> Result<Self, SettingsError> {
         let mut table = with_present_names(below);
-        merge_over(&mut table, with_present_names(toml::from_str(text)?));
+        let mut file: toml::Table = toml::from_str(text)?;
+        let games = Games::take(&mut file)?;
+        merge_over(&mut table, with_present_names(file));
+        games.check(&table)?;
+        merge_over(&mut table, game.and_then(|game| games.of(game)).unwrap_or_default());
         for change in changes {
             let (name, value) = change.split_once('=').ok_or_else(|| SettingsError::NoValue(change.clone()))?;
             let mut changed = toml::Table::new();

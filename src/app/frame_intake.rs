@@ -80,6 +80,7 @@ pub struct FrameIntake<'a> {
     on_frame: &'a dyn Fn(&Frame),
     /// Follows whether the board is connected.
     is_connected: Option<&'a AtomicBool>,
+    on_trouble: Option<&'a dyn Fn(&str)>,
     info: Option<SystemInfo>,
     frames: u64,
     losses: FrameLossCounter,
@@ -108,6 +109,7 @@ impl<'a> FrameIntake<'a> {
             file,
             on_frame,
             is_connected: None,
+            on_trouble: None,
             info: None,
             frames: 0,
             losses,
@@ -121,6 +123,11 @@ impl<'a> FrameIntake<'a> {
     pub fn with_presence(self, is_connected: &'a AtomicBool) -> Self {
         is_connected.store(true, Ordering::Relaxed);
         Self { is_connected: Some(is_connected), ..self }
+    }
+
+    /// Reports from now on why no frames come.
+    pub fn with_troubles(self, on_trouble: &'a dyn Fn(&str)) -> Self {
+        Self { on_trouble: Some(on_trouble), ..self }
     }
 
     /// Receives the stream until it ends or is asked to stop. `note` adds to the progress line.
@@ -185,7 +192,7 @@ impl<'a> FrameIntake<'a> {
             }
             StreamEvent::Session(Event::Streaming) => self.losses.restart(),
             StreamEvent::Session(Event::Failed(error)) => bail!(error),
-            StreamEvent::Session(Event::Trouble(error)) => self.warn(&error.to_string()),
+            StreamEvent::Session(Event::Trouble(error)) => self.report_trouble(&error.to_string()),
             StreamEvent::Session(Event::Recalibrating) => {
                 self.warn("the sensor asks for calibration, its temperature has changed: it is set up again");
             }
@@ -197,7 +204,7 @@ impl<'a> FrameIntake<'a> {
             }
             StreamEvent::Waiting(reason) => {
                 self.set_connected(false);
-                self.warn(&format!("still waiting for the board: {reason}"));
+                self.report_trouble(&format!("still waiting for the board: {reason}"));
             }
         }
         Ok(())
@@ -224,6 +231,13 @@ impl<'a> FrameIntake<'a> {
         if let Some(presence) = self.is_connected {
             presence.store(is_connected, Ordering::Relaxed);
         }
+    }
+
+    fn report_trouble(&self, text: &str) {
+        if let Some(on_trouble) = self.on_trouble {
+            on_trouble(text);
+        }
+        self.warn(text);
     }
 
     fn warn(&self, text: &str) {

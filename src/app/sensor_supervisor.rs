@@ -1,7 +1,7 @@
 //! The sensor's side of `run`: a thread that finds the board, takes its frames, passes them to the
 //! reconstruction and records them. A missing board is waited for.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, SyncSender};
@@ -47,6 +47,8 @@ pub struct SensorSupervisor {
     pub stop: AtomicBool,
     /// Status of the frame loop.
     pub status: Mutex<HeadsetStatus>,
+    /// Why the sensor does not measure.
+    trouble: Mutex<Option<String>>,
     /// Channel of poses for the recording.
     recorded_poses: Option<SyncSender<Event>>,
     mount_memory: Option<MountMemory>,
@@ -95,6 +97,7 @@ impl SensorSupervisor {
             sweeps_lost: AtomicU64::new(0),
             stop: AtomicBool::new(false),
             status: Mutex::default(),
+            trouble: Mutex::default(),
             recorded_poses,
             mount_memory: plan.mount_memory.take(),
             kept_mount: Mutex::default(),
@@ -142,6 +145,15 @@ impl SensorSupervisor {
         self.sensor_period_ns.load(Ordering::Relaxed)
     }
 
+    /// Why the sensor does not measure, while it does not.
+    pub fn sensor_trouble(&self) -> Option<String> {
+        self.trouble.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set_trouble(&self, trouble: Option<String>) {
+        *self.trouble.lock().unwrap_or_else(PoisonError::into_inner) = trouble;
+    }
+
     /// What the sensor has sent so far; `None` while it is disconnected.
     pub fn sensor_count(&self) -> Option<SensorCount> {
         let [sweeps, lost] = [&self.sweeps, &self.sweeps_lost].map(|count| count.load(Ordering::Relaxed));
@@ -186,7 +198,11 @@ impl SensorSupervisor {
         while let Some(stream) = self.open(&sensor) {
             let (losses, lost_before) =
                 (RefCell::new(FrameLossCounter::default()), self.sweeps_lost.load(Ordering::Relaxed));
+            let is_troubled = Cell::new(true);
             let on_frame = |frame: &Frame| {
+                if is_troubled.replace(false) {
+                    self.set_trouble(None);
+                }
                 losses.borrow_mut().push(frame.tick);
                 self.sweeps.fetch_add(sweeps_per_frame, Ordering::Relaxed);
                 self.sweeps_lost.store(lost_before + losses.borrow().lost() * sweeps_per_frame, Ordering::Relaxed);
@@ -195,7 +211,13 @@ impl SensorSupervisor {
             };
             // A recording ends with the stream with which it began.
             let is_recording = file.is_some();
-            let mut intake = FrameIntake::new(&sensor, file.take(), &on_frame).with_presence(&self.is_connected);
+            let on_trouble = |trouble: &str| {
+                is_troubled.set(true);
+                self.set_trouble(Some(trouble.to_owned()));
+            };
+            let mut intake = FrameIntake::new(&sensor, file.take(), &on_frame)
+                .with_presence(&self.is_connected)
+                .with_troubles(&on_trouble);
             let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.status_text());
             let done = intake.end(stream, taken);
             self.is_connected.store(false, Ordering::Relaxed);
@@ -203,6 +225,7 @@ impl SensorSupervisor {
                 return recorded.and(done);
             }
             let why = done.as_ref().err().map_or("it ended".to_owned(), |error| format!("{error:#}"));
+            self.set_trouble(Some(why.clone()));
             let rest_s = RETRY_INTERVAL.as_secs();
             if is_recording {
                 log::error!("the recording has ended: {why}. The stream restarts without recording in {rest_s} s");
@@ -240,9 +263,13 @@ impl SensorSupervisor {
         let mut logged = String::new();
         while !self.stop.load(Ordering::Relaxed) {
             match attempt() {
-                Ok(found) => return Some(found),
+                Ok(found) => {
+                    self.set_trouble(None);
+                    return Some(found);
+                }
                 Err(error) => {
                     let text = format!("{error:#}");
+                    self.set_trouble(Some(text.clone()));
                     if text != logged {
                         log::warn!("{missing}: {text}. Retrying every {} s", RETRY_INTERVAL.as_secs());
                         logged = text;

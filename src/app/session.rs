@@ -137,7 +137,9 @@ impl SessionOptions {
         check_registration(&runtime);
         let runtime = Arc::new(runtime);
         let session = Arc::clone(&runtime);
-        let compose = move |text: &str, changes: &[String]| compose(&session.chaperone(), text, changes);
+        let compose = move |text: &str, changes: &[String], game: Option<&str>| {
+            compose(&session.chaperone(), text, changes, game)
+        };
         let (store, work) =
             SettingsStore::new(self.settings_file.clone(), &self.overrides, &compose).map_err(|why| anyhow!(why))?;
         let memory = MountMemory::new(&runtime.headset_name());
@@ -260,14 +262,10 @@ impl Drop for WatchGuard<'_> {
 }
 
 /// The user's settings over those of SteamVR's chaperone.
-fn compose(chaperone: &Chaperone, text: &str, changes: &[String]) -> Result<Settings, String> {
-    let own = Settings::from_toml(text, changes).map_err(|error| error.to_string())?;
-    match own.headset.follow_chaperone {
-        true => {
-            Settings::from_layers(chaperone_settings(chaperone, &own), text, changes).map_err(|error| error.to_string())
-        }
-        false => Ok(own),
-    }
+fn compose(chaperone: &Chaperone, text: &str, changes: &[String], game: Option<&str>) -> Result<Settings, String> {
+    let over = |below| Settings::for_game(below, text, changes, game).map_err(|error| error.to_string());
+    let own = over(toml::Table::new())?;
+    if own.headset.follow_chaperone { over(chaperone_settings(chaperone, &own)) } else { Ok(own) }
 }
 
 /// Applies changed settings where they are not read every frame.

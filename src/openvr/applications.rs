@@ -57,6 +57,17 @@ impl Runtime {
         }
     }
 
+    /// Application key of the game that is shown, if there is one and the runtime knows it.
+    pub fn shown_game(&self) -> Option<String> {
+        let process = call!(self.applications, GetCurrentSceneProcessId());
+        let mut text = [0u8; sys::k_unMaxApplicationKeyLength as usize];
+        let length = text.len() as u32;
+        let error = call!(self.applications, GetApplicationKeyByProcessId(process, text.as_mut_ptr().cast(), length));
+        let until = text.iter().position(|byte| *byte == 0).filter(|until| *until > 0)?;
+        (process != 0 && error == sys::EVRApplicationError_VRApplicationError_None)
+            .then(|| String::from_utf8_lossy(&text[..until]).into_owned())
+    }
+
     fn registered_binary(&self) -> Option<PathBuf> {
         let (mut text, mut error) = ([0u8; 4096], 0);
         let property = sys::EVRApplicationProperty_VRApplicationProperty_BinaryPath_String;

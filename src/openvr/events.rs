@@ -13,6 +13,8 @@ pub enum RuntimeEvent {
     UniverseMoved,
     /// Colour or distance of the chaperone changed.
     ChaperoneChanged,
+    /// Another game is shown, or none.
+    GameChanged,
     /// A device was connected or disconnected, or the hand roles changed.
     DevicesChanged,
     /// The headset was taken off.
@@ -34,6 +36,8 @@ impl RuntimeEvent {
             | sys::EVREventType_VREvent_SeatedZeroPoseReset
             | sys::EVREventType_VREvent_StandingZeroPoseReset => Self::UniverseMoved,
             sys::EVREventType_VREvent_ChaperoneSettingsHaveChanged => Self::ChaperoneChanged,
+            sys::EVREventType_VREvent_SceneApplicationChanged
+            | sys::EVREventType_VREvent_SceneApplicationStateChanged => Self::GameChanged,
             sys::EVREventType_VREvent_TrackedDeviceActivated
             | sys::EVREventType_VREvent_TrackedDeviceDeactivated
             | sys::EVREventType_VREvent_TrackedDeviceRoleChanged => Self::DevicesChanged,
@@ -72,6 +76,7 @@ mod tests {
         assert_eq!(RuntimeEvent::of(801), RuntimeEvent::UniverseMoved);
         assert_eq!(RuntimeEvent::of(808), RuntimeEvent::UniverseMoved);
         assert_eq!(RuntimeEvent::of(803), RuntimeEvent::ChaperoneChanged);
+        assert_eq!(RuntimeEvent::of(404), RuntimeEvent::GameChanged);
         assert_eq!(RuntimeEvent::of(108), RuntimeEvent::DevicesChanged);
         assert_eq!(RuntimeEvent::of(u32::MAX), RuntimeEvent::Other);
     }

@@ -90,6 +90,8 @@ pub struct Health {
     pub walls: usize,
     /// Number of obstacles and walls from the saved map that were not detected again yet.
     pub restored: usize,
+    /// Why the sensor does not measure.
+    pub sensor_trouble: Option<String>,
     /// What the VR runtime refuses to show.
     pub display_trouble: Option<DisplayTrouble>,
     /// Error in the settings file, in one line.
@@ -314,6 +316,7 @@ mod tests {
 
     fn well() -> Health {
         Health {
+            sensor_trouble: None,
             display_trouble: None,
             sensor: SensorHealth::Streaming { sweeps_per_s: 1056.0, lost_percent: 0.0 },
             is_tracked: true,

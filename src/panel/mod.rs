@@ -6,6 +6,7 @@
 //! fixed layout.
 
 mod confirmed_button;
+mod first_steps;
 mod health;
 mod icon;
 mod notice;
@@ -82,7 +83,10 @@ pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
     let notice = view.health.notice(warnings.and_then(toml::Value::as_bool).unwrap_or(true));
     header(ui, &status_cards, notice.as_ref());
     health::cards(painter, health_area(), &status_cards);
-    plan::draw(painter, plan_area(), &view.plan);
+    match first_steps::is_wanted(&view.health) {
+        true => first_steps::draw(painter, plan_area(), &view.health),
+        false => plan::draw(painter, plan_area(), &view.plan),
+    }
     // An empty map cannot be erased.
     let is_known = view.health.obstacles + view.health.walls > 0;
     let forget_room =

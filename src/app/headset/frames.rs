@@ -192,6 +192,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
     }
 
     fn run(&mut self) -> Ending {
+        self.with.settings.set_game(self.with.runtime.shown_game());
         let period = Duration::from_secs_f64(1.0 / self.timing.frame_hz);
         let core_wait = CoreWait::of_this_thread();
         let (mut last_ns, mut last_waited_ns) = (now_ns(), core_wait.total_ns());
@@ -251,6 +252,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
                     self.with.settings.recompose();
                 }
                 RuntimeEvent::ChaperoneChanged => self.with.settings.recompose(),
+                RuntimeEvent::GameChanged => self.with.settings.set_game(self.with.runtime.shown_game()),
                 RuntimeEvent::DevicesChanged => self.hands = self.with.runtime.hands(),
                 RuntimeEvent::Standby | RuntimeEvent::Awake | RuntimeEvent::Other => {}
             }

@@ -77,8 +77,9 @@ impl OverlayPool {
         quads: &[Quad],
         raw_from_standing: &Pose,
     ) -> Result<u64, OpenVrError> {
-        let wanted: Vec<QuadKey> = quads.iter().map(Quad::key).take(MAX_OVERLAYS).collect();
-        let held: Vec<Option<QuadKey>> = self.slots.iter().map(|slot| slot.assigned_to).collect();
+        let wanted: Vec<_> = quads.iter().map(|quad| (quad.key(), size_of(&quad.texture))).take(MAX_OVERLAYS).collect();
+        let held: Vec<_> =
+            self.slots.iter().map(|slot| (slot.assigned_to, slot.texture.as_deref().map(size_of))).collect();
         let (mut handed, mut refused) = (0, None);
         let lent = assign(&held, &wanted);
         for (slot, _) in self.slots.iter_mut().zip(&lent).filter(|(_, quad)| quad.is_none()) {
@@ -158,13 +159,31 @@ impl PooledOverlay {
     }
 }
 
-/// The quad for each overlay: its own when still wanted, else the next unassigned one, in order.
-fn assign(held: &[Option<QuadKey>], wanted: &[QuadKey]) -> Vec<Option<usize>> {
-    let own = |key: &Option<QuadKey>| key.and_then(|key| wanted.iter().position(|wanted| *wanted == key));
-    let mut lent: Vec<Option<usize>> = held.iter().map(own).collect();
-    let mut rest: VecDeque<usize> = (0..wanted.len()).filter(|index| !lent.contains(&Some(*index))).collect();
-    for slot in lent.iter_mut().filter(|slot| slot.is_none()) {
-        *slot = rest.pop_front();
+/// Width and height, pixels.
+type Size = [u32; 2];
+
+fn size_of(texture: &wgpu::Texture) -> Size {
+    [texture.width(), texture.height()]
+}
+
+/// The quad for each overlay: its own when still wanted. Of the others each, in order, gets a free overlay whose last picture had
+/// its size, for which the runtime keeps its copy; else one without picture; else any.
+fn assign(held: &[(Option<QuadKey>, Option<Size>)], wanted: &[(QuadKey, Size)]) -> Vec<Option<usize>> {
+    let own = |key: Option<QuadKey>| key.and_then(|key| wanted.iter().position(|(wanted, _)| *wanted == key));
+    let mut lent: Vec<Option<usize>> = held.iter().map(|(key, _)| own(*key)).collect();
+    let misfit = |last: Option<Size>, size: Size| match last {
+        Some(last) if last == size => 0,
+        None => 1,
+        Some(_) => 2,
+    };
+    for (quad, (_, size)) in wanted.iter().enumerate() {
+        if lent.contains(&Some(quad)) {
+            continue;
+        }
+        let free = (0..held.len()).filter(|slot| lent[*slot].is_none());
+        if let Some(slot) = free.min_by_key(|slot| misfit(held[*slot].1, *size)) {
+            lent[slot] = Some(quad);
+        }
     }
     lent
 }
@@ -173,17 +192,34 @@ fn assign(held: &[Option<QuadKey>], wanted: &[QuadKey]) -> Vec<Option<usize>> {
 mod tests {
     use super::*;
 
+    const LARGE: Size = [512, 1024];
+    const SMALL: Size = [256, 256];
+
+    /// The assignment where all pictures have one size.
+    fn assigned(held: &[Option<QuadKey>], wanted: &[QuadKey]) -> Vec<Option<usize>> {
+        let held: Vec<_> = held.iter().map(|key| (*key, key.map(|_| SMALL))).collect();
+        assign(&held, &wanted.iter().map(|key| (*key, SMALL)).collect::<Vec<_>>())
+    }
+
     #[test]
     fn obstacle_keeps_its_overlay() {
         let [chair, table] = [1, 2].map(|id| (QuadKind::Object, id));
         let wall = (QuadKind::Wall, 3);
-        assert_eq!(assign(&[None; 3], &[chair, table]), [Some(0), Some(1), None]);
+        assert_eq!(assigned(&[None; 3], &[chair, table]), [Some(0), Some(1), None]);
         // The table is nearer now and comes first; a wall takes the free overlay.
-        assert_eq!(assign(&[Some(chair), Some(table), None], &[table, chair, wall]), [Some(1), Some(0), Some(2)]);
-        assert_eq!(assign(&[Some(chair), Some(table), None], &[wall]), [Some(0), None, None]);
+        assert_eq!(assigned(&[Some(chair), Some(table), None], &[table, chair, wall]), [Some(1), Some(0), Some(2)]);
+        assert_eq!(assigned(&[Some(chair), Some(table), None], &[wall]), [Some(0), None, None]);
         // A footprint has another key than its panel.
-        assert_eq!(assign(&[Some(chair), None], &[(QuadKind::Footprint, 1)]), [Some(0), None]);
-        assert_eq!(assign(&[Some(chair)], &[table, wall]), [Some(0)], "what does not fit is left out");
-        assert_eq!(assign(&[Some(table), Some(chair)], &[]), [None, None]);
+        assert_eq!(assigned(&[Some(chair), None], &[(QuadKind::Footprint, 1)]), [Some(0), None]);
+        assert_eq!(assigned(&[Some(chair)], &[table, wall]), [Some(0)], "what does not fit is left out");
+        assert_eq!(assigned(&[Some(table), Some(chair)], &[]), [None, None]);
+    }
+
+    #[test]
+    fn overlay_with_a_picture_of_the_same_size_is_preferred() {
+        let [chair, table, shelf] = [1, 2, 3].map(|id| (QuadKind::Object, id));
+        let held = [(None, Some(LARGE)), (None, None), (None, Some(SMALL)), (Some(shelf), Some(SMALL))];
+        let wanted = [(chair, SMALL), (shelf, SMALL), (table, SMALL)];
+        assert_eq!(assign(&held, &wanted), [None, Some(2), Some(0), Some(1)]);
     }
 }

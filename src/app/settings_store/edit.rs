@@ -7,11 +7,10 @@ use std::path::Path;
 use toml_edit::{DocumentMut, Item, Table, Value};
 
 /// The text with one value changed; a missing value or table is added. `None`: the text is not
-/// TOML, or the name leads through something that is not a table.
-pub(super) fn with_value(text: &str, name: &str, value: &toml::Value) -> Option<String> {
+/// TOML, or the path leads through something that is not a table.
+pub(super) fn with_value(text: &str, path: &[String], value: &toml::Value) -> Option<String> {
     let mut document: DocumentMut = text.parse().ok()?;
-    let mut path: Vec<&str> = name.split('.').collect();
-    let last = path.pop()?;
+    let (last, path) = path.split_last()?;
     let mut table: &mut dyn toml_edit::TableLike = document.as_table_mut();
     for part in path {
         table = table.entry(part).or_insert(Item::Table(Table::new())).as_table_like_mut()?;
@@ -73,7 +72,12 @@ fn write(beside: &Path, path: &Path, text: &str) -> std::io::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{fs, replace};
+
+    fn with_value(text: &str, name: &str, value: &toml::Value) -> Option<String> {
+        let path: Vec<String> = name.split('.').map(str::to_owned).collect();
+        super::with_value(text, &path, value)
+    }
 
     const TEXT: &str = "# mine\n[warning] # how near\nfade_distance_m = 1.5   # from here\n# bright\nbrightness = 0.5\n\n[headset]\ndisplay = \"panels\"\n";
 

@@ -22,7 +22,7 @@ use radar_recording::read_small_text;
 
 use self::debounce::{FileDebouncer, FileState, Outcome};
 use super::now_ns;
-use crate::settings::Settings;
+use crate::settings::{Settings, path_of};
 
 /// Polling interval of the file. Choice: a saved change appears at once to its author, for four
 /// system calls a second.
@@ -41,9 +41,9 @@ const MAX_SAVE_DELAY_NS: i64 = 2_000_000_000;
 /// microseconds.
 const MAX_COMMANDS: usize = 256;
 
-/// Builds settings from a file's text and overriding `name=value` changes, or returns what is
-/// wrong.
-pub type Compose<'a> = &'a (dyn Fn(&str, &[String]) -> Result<Settings, String> + Sync);
+/// Builds settings from a file's text, overriding `name=value` changes and the application key of
+/// the game that is shown, or returns what is wrong.
+pub type Compose<'a> = &'a (dyn Fn(&str, &[String], Option<&str>) -> Result<Settings, String> + Sync);
 /// Called with the previous settings and the new ones.
 pub type OnNew<'a> = &'a (dyn Fn(&Settings, &Settings) + Sync);
 
@@ -59,6 +59,8 @@ pub struct SettingChange {
 enum Command {
     Change(SettingChange),
     Recompose,
+    /// Another game is shown, or none.
+    Game(Option<String>),
     End,
 }
 
@@ -82,7 +84,9 @@ pub struct SettingsWatcher {
     debouncer: FileDebouncer,
     stamp: Option<(SystemTime, u64)>,
     /// Own changes that are not in the file yet.
-    unsaved: BTreeMap<String, toml::Value>,
+    unsaved: BTreeMap<Vec<String>, toml::Value>,
+    /// Application key of the game that is shown.
+    game: Option<String>,
     changed_ns: Option<(i64, i64)>,
     cannot_save: Option<String>,
 }
@@ -99,13 +103,13 @@ impl SettingsStore {
     ) -> Result<(Self, SettingsWatcher), String> {
         let seen = file.as_deref().map_or(FileState::Absent, seen);
         let read = match &seen {
-            FileState::Text(text) => compose(text, overrides).map(|settings| (text.clone(), settings)),
-            FileState::Absent => compose("", overrides).map(|settings| (String::new(), settings)),
+            FileState::Text(text) => compose(text, overrides, None).map(|settings| (text.clone(), settings)),
+            FileState::Absent => compose("", overrides, None).map(|settings| (String::new(), settings)),
             FileState::Unreadable(why) => Err(why.clone()),
         };
         let (text, first, wrong) = match read {
             Ok((text, settings)) => (text, settings, None),
-            Err(why) => (String::new(), compose("", overrides)?, Some(why)),
+            Err(why) => (String::new(), compose("", overrides, None)?, Some(why)),
         };
         if let (Some(why), Some(file)) = (&wrong, &file) {
             let why = why.trim_end();
@@ -123,6 +127,7 @@ impl SettingsStore {
             debouncer: FileDebouncer::new(seen),
             stamp,
             unsaved: BTreeMap::new(),
+            game: None,
             changed_ns: None,
             cannot_save: None,
         };
@@ -153,6 +158,11 @@ impl SettingsStore {
     /// Requests rebuilding the settings, because the values below the file have changed.
     pub fn recompose(&self) {
         let _ = self.commands.try_send(Command::Recompose);
+    }
+
+    /// Another game is shown, by its application key, or none.
+    pub fn set_game(&self, game: Option<String>) {
+        let _ = self.commands.try_send(Command::Game(game));
     }
 
     /// Ends the thread.
@@ -201,6 +211,11 @@ impl SettingsWatcher {
             match self.commands.recv_timeout(turn) {
                 Ok(Command::Change(change)) => self.take(change, store, compose, on_new),
                 Ok(Command::Recompose) => self.recompose(store, compose, on_new),
+                Ok(Command::Game(game)) if game == self.game => {}
+                Ok(Command::Game(game)) => {
+                    self.game = game;
+                    self.recompose(store, compose, on_new);
+                }
                 Ok(Command::End) | Err(RecvTimeoutError::Disconnected) => break,
                 Err(RecvTimeoutError::Timeout) => self.check_file(store, compose, on_new),
             }
@@ -219,8 +234,9 @@ impl SettingsWatcher {
 
     /// The last valid text with the own changes.
     fn text_now(&self) -> String {
-        let change =
-            |text: String, (name, value): (&String, &toml::Value)| edit::with_value(&text, name, value).unwrap_or(text);
+        let change = |text: String, (path, value): (&Vec<String>, &toml::Value)| {
+            edit::with_value(&text, path, value).unwrap_or(text)
+        };
         self.unsaved.iter().fold(self.text.clone(), change)
     }
 
@@ -229,8 +245,9 @@ impl SettingsWatcher {
         // The newest change overrides the command line.
         let overrides = self.overrides.clone();
         self.overrides.retain(|set| set.split_once('=').is_none_or(|(set, _)| set.trim() != name));
-        let before = self.unsaved.insert(name.clone(), value);
-        match compose(&self.text_now(), &self.overrides) {
+        let path = path_of(&self.text, self.game.as_deref(), &name);
+        let before = self.unsaved.insert(path.clone(), value);
+        match compose(&self.text_now(), &self.overrides, self.game.as_deref()) {
             Ok(settings) => {
                 let now_ns = now_ns();
                 self.changed_ns = Some((self.changed_ns.map_or(now_ns, |(first_ns, _)| first_ns), now_ns));
@@ -240,8 +257,8 @@ impl SettingsWatcher {
                 log::warn!("{name} is not changed: {why}");
                 self.overrides = overrides;
                 match before {
-                    Some(before) => self.unsaved.insert(name, before),
-                    None => self.unsaved.remove(&name),
+                    Some(before) => self.unsaved.insert(path, before),
+                    None => self.unsaved.remove(&path),
                 };
                 // The sender of the change sees that the old value is still in use.
                 store.publish(Settings::clone(&store.newest()), on_new);
@@ -250,7 +267,7 @@ impl SettingsWatcher {
     }
 
     fn recompose(&mut self, store: &SettingsStore, compose: Compose, on_new: OnNew) {
-        match compose(&self.text_now(), &self.overrides) {
+        match compose(&self.text_now(), &self.overrides, self.game.as_deref()) {
             Ok(settings) => store.publish(settings, on_new),
             Err(why) => log::warn!("the settings are not changed: {why}"),
         }
@@ -265,8 +282,8 @@ impl SettingsWatcher {
         }
         self.stamp = stamp;
         let name = file.display().to_string();
-        let overrides = &self.overrides;
-        match self.debouncer.observe(now_ns(), seen(file), |text| compose(text, overrides)) {
+        let (overrides, game) = (&self.overrides, self.game.as_deref());
+        match self.debouncer.observe(now_ns(), seen(file), |text| compose(text, overrides, game)) {
             Outcome::Unchanged => {}
             Outcome::Rejected(why) => {
                 log::warn!("{name}: {}. The previous settings stay in use", why.trim_end().trim_end_matches('.'));
@@ -314,10 +331,11 @@ impl SettingsWatcher {
             FileState::Text(_) | FileState::Absent => self.text.clone(),
             FileState::Unreadable(why) => return Err(named(why)),
         };
-        compose(&text, &self.overrides).map_err(&named)?;
+        let game = self.game.as_deref();
+        compose(&text, &self.overrides, game).map_err(&named)?;
         self.text = text;
         let text = self.text_now();
-        compose(&text, &self.overrides).map_err(&named)?;
+        compose(&text, &self.overrides, game).map_err(&named)?;
         edit::replace(file, &text).map_err(|error| named(error.to_string()))?;
         self.debouncer.set_written(&text);
         self.text = text;
@@ -345,8 +363,8 @@ mod tests {
     use super::*;
     use std::fs;
 
-    fn compose(text: &str, overrides: &[String]) -> Result<Settings, String> {
-        Settings::from_toml(text, overrides).map_err(|error| error.to_string())
+    fn compose(text: &str, overrides: &[String], game: Option<&str>) -> Result<Settings, String> {
+        Settings::for_game(toml::Table::new(), text, overrides, game).map_err(|error| error.to_string())
     }
 
     /// Runs a test on a store with its thread, on a file with that text.
@@ -409,6 +427,22 @@ mod tests {
             store.change(SettingChange { name: "warning.fade_distance_m".into(), value: 2.0.into() });
             wait_for("the change after it", || store.newest().warning.fade_distance_m == 2.0);
             assert_eq!(store.newest().warning.brightness, 0.25);
+        });
+    }
+
+    #[test]
+    fn settings_of_a_game_apply_and_are_changed_while_it_is_shown() {
+        let text = "[warning]\nbrightness = 0.5\n[games.\"steam.app.1\".warning]\nbrightness = 0.25 # dark\n";
+        with_store("games", Some(text), &[], |store, file| {
+            let is = |value: f32| store.newest().warning.brightness == value;
+            assert!(is(0.5));
+            store.set_game(Some("steam.app.1".into()));
+            wait_for("the game's", || is(0.25));
+            store.change(brightness(0.75));
+            wait_for("the change", || is(0.75));
+            wait_for("the file", || fs::read_to_string(file).unwrap() == text.replace("0.25", "0.75"));
+            store.set_game(None);
+            wait_for("the others", || is(0.5));
         });
     }
 

@@ -180,9 +180,11 @@ unsafe extern "C" fn key_by_index(index: u32, key: *mut c_char, room: u32) -> u3
 }
 
 unsafe extern "C" fn key_by_process(pid: u32, key: *mut c_char, room: u32) -> u32 {
-    with_applications("GetApplicationKeyByProcessId", NO_CONTACT, |_, applications| {
-        let found = applications.iter().find(|(_, application)| pid != 0 && application.pid == pid);
-        found.map_or(UNKNOWN, |(found, _)| if write_text(key, room, found) > room { TOO_SMALL } else { NONE })
+    with_applications("GetApplicationKeyByProcessId", NO_CONTACT, |world, applications| {
+        let game = world.game.clone().filter(|_| pid == GAME_PROCESS);
+        let known = applications.iter().find(|(_, application)| pid != 0 && application.pid == pid);
+        let found = game.or_else(|| known.map(|(found, _)| found.clone()));
+        found.map_or(UNKNOWN, |found| if write_text(key, room, &found) > room { TOO_SMALL } else { NONE })
     })
 }
 
@@ -289,12 +291,15 @@ unsafe extern "C" fn autolaunch(key: *mut c_char) -> bool {
     })
 }
 
+/// Process of a game that is shown. Choice: no process of the system has this number.
+const GAME_PROCESS: u32 = u32::MAX - 1;
+
 unsafe extern "C" fn scene_state() -> u32 {
     call("GetSceneApplicationState", 0, |_| sys::EVRSceneApplicationState_None)
 }
 
 unsafe extern "C" fn scene_process() -> u32 {
-    call("GetCurrentSceneProcessId", 0, |_| 0)
+    call("GetCurrentSceneProcessId", 0, |world| if world.game.is_some() { GAME_PROCESS } else { 0 })
 }
 
 const REFUSED: u32 = sys::EVRApplicationError_VRApplicationError_NotImplemented;

@@ -73,6 +73,11 @@ pub enum Command {
     Fail { function: String, count: u32 },
     /// The next WaitFrameSync returns only after this time, seconds.
     Hang { for_s: f64 },
+    /// Another game is shown; without a key none.
+    Game {
+        #[serde(default)]
+        key: Option<String>,
+    },
     /// The headset is taken off.
     Standby,
     /// The headset is put on.

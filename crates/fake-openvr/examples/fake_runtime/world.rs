@@ -36,6 +36,8 @@ pub struct World {
     pub universes: Universes,
     pub devices: Devices,
     pub standby: bool,
+    /// Application key of the game that is shown.
+    pub game: Option<String>,
     /// Until then no frame begins, and waiting for one does not return.
     pub hangs_until_ns: i64,
     pub events: Events,
@@ -168,6 +170,7 @@ impl World {
             universes: Universes::new(&config),
             devices,
             standby: false,
+            game: None,
             hangs_until_ns: i64::MIN,
             events: Events::default(),
             overlays: Overlays::default(),
@@ -219,6 +222,10 @@ impl World {
             }
             Command::Fail { function, count } => self.script.fail(function, *count),
             Command::Hang { for_s } => self.hangs_until_ns = time_ns.saturating_add((for_s * 1e9) as i64),
+            Command::Game { key } => {
+                self.game = key.clone();
+                self.send(event(sys::EVREventType_VREvent_SceneApplicationChanged, NO_DEVICE));
+            }
             Command::Standby => self.stand_by(true),
             Command::Wake => self.stand_by(false),
             Command::Color { r, g, b, a } => {

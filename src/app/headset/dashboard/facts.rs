@@ -95,7 +95,7 @@ pub(super) fn view(
     now_ns: i64,
     facts: &Facts,
     settings: &(Arc<Settings>, toml::Table),
-    settings_trouble: Option<String>,
+    [settings_trouble, sensor_trouble]: [Option<String>; 2],
     reconstruction: Option<&Reconstruction>,
     rates: &mut Rates,
 ) -> PanelView {
@@ -114,6 +114,7 @@ pub(super) fn view(
         poses_per_s: rates.poses_per_s,
         is_running: facts.is_alive == Some(true),
         settings_trouble,
+        sensor_trouble,
         display_trouble: match facts.output {
             WarningOutput::AsSet => None,
             WarningOutput::PanelsInstead => Some(DisplayTrouble::PanelsInstead),

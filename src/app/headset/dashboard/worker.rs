@@ -197,8 +197,8 @@ impl PanelWorker {
         };
         let facts = self.facts.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let reconstruction = sources.supervisor.reconstruction();
-        let trouble = sources.store.trouble();
-        let view = view(now_ns, &facts, &settings, trouble, reconstruction, &mut self.rates);
+        let troubles = [sources.store.trouble(), sources.supervisor.sensor_trouble()];
+        let view = view(now_ns, &facts, &settings, troubles, reconstruction, &mut self.rates);
         self.settings = Some(settings);
         view
     }
