@@ -30,7 +30,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let marks = Marks { truth_m: &chair, found_m: &found, path_m: &positions };
     let (scene, truth) = room();
     let walk: Vec<DVec3> = (0..600).map(|n| walked(n as f64 / 600.0)).collect();
-    let map = RoomMap { title: "Living room, walking, after 30 s", scene: &scene, truth: Some(&truth), path_m: &walk };
+    let map = RoomMap {
+        title: "Living room, walking, after 30 s",
+        scene: &scene,
+        truth: Some(&truth),
+        path_m: &walk,
+        region: None,
+    };
     let quantity = "log-likelihood (nats)";
 
     let sections = timed(&folder, "cross_sections", || {

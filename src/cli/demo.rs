@@ -368,7 +368,7 @@ fn figures(
     let sections = cross_sections(&image, &title, quantity, &marks);
     let share = if act.image == Image::Found { 0.0 } else { 0.3 };
     let cloud = point_cloud(&image, &title, quantity, share, &marks);
-    let map = room_map(&RoomMap { title: &title, scene, truth: Some(truth), path_m: &path_m });
+    let map = room_map(&RoomMap { title: &title, scene, truth: Some(truth), path_m: &path_m, region: None });
     sections.write(&folder.join("cross_sections.png"))?;
     cloud.write(&folder.join("point_cloud.png"))?;
     map.write(&folder.join("map.png"))?;

@@ -11,15 +11,15 @@ use super::results::Results;
 use super::view::{ReplayEnd, ViewArguments};
 use crate::app::{correction_text, progress};
 use crate::report::{
-    CalibrationReport, CloudPoint, Figure, Limits, Report, RoomMap, Section, Table, room_map, score, write_cloud,
-    write_obstacles_json, write_ply,
+    CalibrationReport, CloudPoint, Figure, FilmRecorder, Limits, Report, RoomMap, Section, Table, room_map, score,
+    write_cloud, write_obstacles_json, write_ply,
 };
 use crate::settings::Settings;
 use crate::viewer::Recorder;
 use radar_mapping::Event;
 use radar_mapping::Mapper;
 use radar_mapping::{MountInUse, Observed, Scene};
-use radar_recording::{MapFile, Recording, RecordingSummary, SparsePoses};
+use radar_recording::{Header, MapFile, Recording, RecordingSummary, SparsePoses};
 use radar_sar::geometry::Pose;
 
 /// Runs the mapper over a recording and writes what it finds
@@ -39,6 +39,9 @@ pub(super) struct Replay {
     /// Rerun
     #[arg(long, value_name = "FILE.mcap")]
     results: Option<PathBuf>,
+    /// Writes a short film of the room from above (.gif): how the map grows
+    #[arg(long, value_name = "FILE.gif")]
+    film: Option<PathBuf>,
     #[command(flatten)]
     replace: ReplaceArgument,
     /// Restores a map that `run` has saved, in the standing universe as it was then
@@ -58,8 +61,8 @@ impl Replay {
         if let Some(speed) = self.speed.filter(|s| !(s.is_finite() && *s > 0.0)) {
             bail!("--speed {speed}: give a number above 0");
         }
-        if let Some(results) = &self.results {
-            self.replace.check(results, &[&self.file])?;
+        for output in self.results.iter().chain(&self.film) {
+            self.replace.check(output, &[&self.file])?;
         }
         let summary = RecordingSummary::read(&self.file)?;
         let recording = Recording::open(&self.file)?;
@@ -88,27 +91,26 @@ impl Replay {
         mut mapper: Mapper,
         summary: &RecordingSummary,
         settings: &Settings,
-        mut recorder: Option<Recorder>,
+        recorder: Option<Recorder>,
     ) -> Result<ReplayEnd> {
-        let mut results = match &self.results {
+        let results = match &self.results {
             Some(path) => Some(Results::create(path, &summary.header, settings, mapper.kind())?),
             None => None,
         };
+        let mut outputs = Outputs { results, recorder, film: self.film.as_ref().map(|_| FilmRecorder::default()) };
         let events = summary.frames.count + summary.poses.count + summary.hands.count;
-        if !self.feed(&mut recording, &mut mapper, events, results.as_mut(), recorder.as_mut())? {
+        if !self.feed(&mut recording, &mut mapper, events, &mut outputs)? {
             return Ok(ReplayEnd::Closed);
         }
         warn_of_damage(&recording);
         let spinner = progress::spinner("looking for obstacles");
         mapper.finish();
         let scene = mapper.scene();
-        if let Some(recorder) = &mut recorder {
-            recorder.finish(&mapper, scene.clone());
-        }
-        if let Some(results) = results {
-            results.finish(&mapper, &scene)?;
-        }
+        outputs.finish(&mapper, &scene)?;
         spinner.finish_and_clear();
+        if let (Some(film), Some(path)) = (outputs.film, &self.film) {
+            write_film(&film, path, &summary.header, &mapper, &scene)?;
+        }
         Ok(ReplayEnd::Done(Box::new(mapper), scene))
     }
 
@@ -126,7 +128,7 @@ impl Replay {
             write_clouds(out, scene)?;
             let path = sensor_path(mapper);
             let truth = header.truth.as_ref();
-            let map = room_map(&RoomMap { title: &header.source, scene, truth, path_m: &path });
+            let map = room_map(&RoomMap { title: &header.source, scene, truth, path_m: &path, region: None });
             map.write(&out.join("map.png"))?;
             let mut section = Section::new("What was found")
                 .figure(Figure::new(
@@ -153,22 +155,18 @@ impl Replay {
 
     /// Whether the result is still needed: for files, or by an open view.
     fn is_wanted(&self, recorder: Option<&Recorder>) -> bool {
-        self.out.is_some() || self.results.is_some() || !recorder.is_some_and(Recorder::is_closed)
+        self.out.is_some()
+            || self.results.is_some()
+            || self.film.is_some()
+            || !recorder.is_some_and(Recorder::is_closed)
     }
 
     /// Streams the recording at the requested speed; returns whether it reached the end.
-    fn feed(
-        &self,
-        recording: &mut Recording,
-        mapper: &mut Mapper,
-        events: u64,
-        mut results: Option<&mut Results>,
-        mut recorder: Option<&mut Recorder>,
-    ) -> Result<bool> {
+    fn feed(&self, recording: &mut Recording, mapper: &mut Mapper, events: u64, outputs: &mut Outputs) -> Result<bool> {
         let bar = progress::bar(events, "replaying");
         let (start, mut first_ns) = (Instant::now(), None);
         for event in recording {
-            if !self.is_wanted(recorder.as_deref()) {
+            if !self.is_wanted(outputs.recorder.as_ref()) {
                 bar.finish_and_clear();
                 return Ok(false);
             }
@@ -178,21 +176,15 @@ impl Replay {
                 let due = Duration::from_secs_f64((since_ns as f64 * 1e-9 / speed).clamp(0.0, 3600.0));
                 std::thread::sleep(due.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
             }
-            if let Some(results) = results.as_mut() {
+            if let Some(results) = &mut outputs.results {
                 results.write(&event)?;
             }
             let (time_ns, is_frame) = (event.time_ns(), matches!(event, Event::Frame(_)));
-            let frame_ns = is_frame.then_some(time_ns);
             if let Err(refusal) = mapper.push(event) {
                 log::debug!("left out: {refusal}");
             }
             let scene = mapper.poll_scene();
-            if let Some(results) = results.as_mut() {
-                results.update(mapper, scene.as_ref(), time_ns)?;
-            }
-            if let Some(recorder) = recorder.as_mut() {
-                recorder.record(mapper, scene, frame_ns);
-            }
+            outputs.update(mapper, scene, time_ns, is_frame)?;
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -205,6 +197,7 @@ impl Replay {
             file,
             out: None,
             results: None,
+            film: None,
             replace: ReplaceArgument::default(),
             map: None,
             speed: None,
@@ -212,6 +205,44 @@ impl Replay {
             view,
         }
     }
+}
+
+/// What is made of a replay while it runs.
+struct Outputs {
+    results: Option<Results>,
+    recorder: Option<Recorder>,
+    film: Option<FilmRecorder>,
+}
+
+impl Outputs {
+    /// Takes the mapper's state after an event, with the scene if it is new.
+    fn update(&mut self, mapper: &Mapper, scene: Option<Scene>, time_ns: i64, is_frame: bool) -> Result<()> {
+        if let Some(results) = &mut self.results {
+            results.update(mapper, scene.as_ref(), time_ns)?;
+        }
+        if let (Some(film), Some(scene)) = (&mut self.film, &scene) {
+            film.record(time_ns, scene);
+        }
+        if let Some(recorder) = &mut self.recorder {
+            recorder.record(mapper, scene, is_frame.then_some(time_ns));
+        }
+        Ok(())
+    }
+
+    /// Takes the last scene.
+    fn finish(&mut self, mapper: &Mapper, scene: &Scene) -> Result<()> {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.finish(mapper, scene.clone());
+        }
+        self.results.take().map_or(Ok(()), |results| results.finish(mapper, scene))
+    }
+}
+
+fn write_film(film: &FilmRecorder, path: &Path, header: &Header, mapper: &Mapper, scene: &Scene) -> Result<()> {
+    let path_ns: Vec<i64> = mapper.sensor_path().map(|(time_ns, _)| time_ns).collect();
+    let (truth, path_m) = (header.truth.as_ref(), sensor_path(mapper));
+    let map = RoomMap { title: &header.source, scene, truth, path_m: &path_m, region: None };
+    Ok(film.write(path, &map, &path_ns)?)
 }
 
 /// Restores a saved map as if it had been saved when the recording begins, so that no result

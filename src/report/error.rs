@@ -23,6 +23,14 @@ pub enum ReportError {
         /// The encoder's error.
         source: image::ImageError,
     },
+    /// A film has no pictures, or the GIF encoder rejected one.
+    #[error("a film of {frames} pictures cannot be written as GIF: {source}")]
+    Gif {
+        /// Number of pictures.
+        frames: usize,
+        /// The encoder's error.
+        source: image::ImageError,
+    },
     /// A number that must be finite is not.
     #[error("{what} is {value}, which is not a finite number")]
     NotFinite {

@@ -30,11 +30,13 @@ pub struct RoomMap<'a> {
     pub truth: Option<&'a Truth>,
     /// Positions of the head in order of time, tracking frame, metres.
     pub path_m: &'a [DVec3],
+    /// What is drawn of the room; `None`: all that is known of it.
+    pub region: Option<Aabb>,
 }
 
 /// Draws the map.
 pub fn room_map(map: &RoomMap) -> Picture {
-    let region = drawable(&region(map));
+    let region = map.region.unwrap_or_else(|| drawable(&region(map)));
     let size = region.size();
     let px_per_m = (800.0 / size.x).min(660.0 / size.z);
     let area = Rect::new(LEFT_MARGIN + 6.0, TOP, size.x * px_per_m, size.z * px_per_m);
@@ -171,7 +173,7 @@ fn color_of(found: &Obstacle, map: &RoomMap) -> Rgb {
 }
 
 /// Bounding box of everything with a position, with a margin.
-fn region(map: &RoomMap) -> Aabb {
+pub(super) fn region(map: &RoomMap) -> Aabb {
     let truth = map.truth.iter();
     let walls = truth.clone().flat_map(|truth| &truth.walls).flat_map(|wall| [wall.extent.min, wall.extent.max]);
     let points = truth.flat_map(|truth| &truth.obstacles).flat_map(|obstacle| obstacle.points_m.iter().copied());
@@ -309,10 +311,22 @@ mod tests {
             ..Truth::default()
         };
         for scene in [&Scene::default(), &bad] {
-            room_map(&RoomMap { title: "", scene, truth: None, path_m: &[] });
-            room_map(&RoomMap { title: "", scene, truth: Some(&truth), path_m: &[nan, DVec3::ZERO, nan] });
+            room_map(&RoomMap { title: "", scene, truth: None, path_m: &[], region: None });
+            room_map(&RoomMap {
+                title: "",
+                scene,
+                truth: Some(&truth),
+                path_m: &[nan, DVec3::ZERO, nan],
+                region: None,
+            });
         }
-        room_map(&RoomMap { title: "", scene: &bad, truth: None, path_m: &[DVec3::splat(1e300), DVec3::ZERO] });
+        room_map(&RoomMap {
+            title: "",
+            scene: &bad,
+            truth: None,
+            path_m: &[DVec3::splat(1e300), DVec3::ZERO],
+            region: None,
+        });
     }
 
     #[test]

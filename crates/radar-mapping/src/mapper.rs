@@ -20,9 +20,11 @@ use super::{
     ObserverSettings, Refusal, RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
 };
 
-/// Interval of the recorded sensor path, nanoseconds. Choice: a head at 1 m/s moves 2 cm, and an
-/// hour takes 180 000 poses.
+/// First interval of the recorded sensor path, nanoseconds. Choice: a head at 1 m/s moves 2 cm.
 const PATH_STEP_NS: i64 = 20_000_000;
+/// Poses of the recorded path; when there are as many, every second is dropped and the interval doubled. Choice: 20 minutes at the
+/// first interval, 4 MB.
+const MAX_PATH: usize = 60_000;
 
 /// All counters of the mapper.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -69,6 +71,7 @@ pub struct Mapper {
     calibration: CalibrationControl,
     /// Time and `tracking_from_sensor`, every 20 ms.
     sensor_path: Vec<(i64, Pose)>,
+    path_step_ns: i64,
     /// Time of the newest observation, and the end of its sweep.
     newest_ns: Option<(i64, i64)>,
     counts: Counts,
@@ -105,6 +108,7 @@ impl Mapper {
             search,
             calibration,
             sensor_path: Vec::new(),
+            path_step_ns: PATH_STEP_NS,
             newest_ns: None,
             counts: Counts::default(),
             polled: (0, 0),
@@ -198,11 +202,25 @@ impl Mapper {
         count
     }
 
+    /// Records the sensor's path in bounded memory.
+    fn extend_path(&mut self, time_ns: i64, tracking_from_sensor: &Pose) {
+        if self.sensor_path.last().is_some_and(|last| time_ns.saturating_sub(last.0) < self.path_step_ns) {
+            return;
+        }
+        if self.sensor_path.len() >= MAX_PATH {
+            let mut index = 0;
+            self.sensor_path.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.path_step_ns = self.path_step_ns.saturating_mul(2);
+        }
+        self.sensor_path.push((time_ns, *tracking_from_sensor));
+    }
+
     fn map(&mut self, observation: Observation) {
         let time_ns = observation.mid_time_ns;
-        if self.sensor_path.last().is_none_or(|last| time_ns.saturating_sub(last.0) >= PATH_STEP_NS) {
-            self.sensor_path.push((time_ns, observation.tracking_from_sensor));
-        }
+        self.extend_path(time_ns, &observation.tracking_from_sensor);
         // Sweeps may get their poses before these have their final smoothing.
         if self.settings.tracking.history.is_early() {
             let observer = &self.observer;
