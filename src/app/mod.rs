@@ -34,6 +34,7 @@ mod stop;
 #[cfg(all(test, unix))]
 mod test_board;
 mod watchdog;
+mod welcome;
 
 pub use board_report::{config_table, counter_lines, line_speed, preset_table, verdict};
 pub use core_wait::CoreWait;

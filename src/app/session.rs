@@ -19,6 +19,7 @@ use super::session_report::{SessionReport, print_report};
 use super::session_view;
 use super::stop::stop_flag;
 use super::watchdog::{Heartbeat, exit_now};
+use super::welcome;
 use super::{Ending, FrameLoop, HeadsetReport, MapStore, SettingsStore, now_ns};
 use crate::openvr::{Chaperone, OpenVrError, Role, Runtime, RuntimePaths};
 use crate::settings::Settings;
@@ -175,7 +176,8 @@ impl SessionOptions {
                     Builder::new().name("desktop view".into()).spawn_scoped(scope, update)?;
                 }
                 let (runtime, settings, heartbeat) = (&runtime, store, &heartbeat);
-                let frames = FrameLoop { runtime, supervisor, maps, settings, stop, heartbeat };
+                let welcome = !welcome::is_done();
+                let frames = FrameLoop { runtime, supervisor, maps, settings, stop, welcome, heartbeat };
                 let done = frames.run();
                 heartbeat.begin_end();
                 Ok(done?)
@@ -213,6 +215,11 @@ impl SessionOptions {
     /// Stops the sensor and reports.
     fn end(&self, supervisor: &SensorSupervisor, sensor_end: &SensorEnd, done: HeadsetReport) -> Result<Ending> {
         let supervised = self.wait_for_sensor(sensor_end);
+        if done.status.is_welcomed
+            && let Err(error) = welcome::set_done()
+        {
+            log::warn!("the welcome will be shown again: {error:#}");
+        }
         let report = SessionReport::new(&done, supervisor.reconstruction());
         print_report(&report)?;
         if let Some(path) = &self.report {

@@ -6,8 +6,8 @@ use egui::{CornerRadius, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 use super::health::State;
 use super::{BACKGROUND, FAINT, TEXT, font, icon};
 
-/// Width and height of the notice, pixels. Choice: its two lines in large letters.
-pub const NOTICE_SIZE: [u32; 2] = [1040, 200];
+/// Width and height of the notice, pixels. Choice: up to four lines in large letters.
+pub const NOTICE_SIZE: [u32; 2] = [1040, 264];
 
 /// What the user is notified of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,15 +26,22 @@ pub enum Notice {
     CuesAlone,
     /// The fault is over.
     Recovered,
+    /// The first session.
+    Welcome,
 }
 
 impl Notice {
     fn state(self) -> State {
         match self {
-            Self::Recovered => State::Good,
+            Self::Recovered | Self::Welcome => State::Good,
             Self::PanelsInstead => State::Fair,
             _ => State::Bad,
         }
+    }
+
+    /// Whether it reports no fault.
+    pub fn is_good(self) -> bool {
+        self.state() == State::Good
     }
 
     /// The first line. Also used in the log.
@@ -54,6 +61,11 @@ impl Notice {
                 ["Warnings are shown as panels", "SteamVR refuses the display mode of the settings."]
             }
             Self::CuesAlone => ["SteamVR refuses to show warnings", "Tones and pulses warn instead. Restart SteamVR."],
+            Self::Welcome => [
+                "Radar chaperone is on",
+                "Look around and nod: the radar learns the room.\nLines appear where you come close to something.\n\
+                 Its panel in the dashboard has all switches.",
+            ],
             Self::Recovered => ["The radar works again", "Warnings are active again."],
         }
     }
@@ -85,7 +97,7 @@ mod tests {
     fn notice_texts_fit() {
         let context = egui::Context::default();
         let faults = [Notice::NoSensor, Notice::SensorGone, Notice::SensorSilent, Notice::MapStopped];
-        let others = [Notice::PanelsInstead, Notice::CuesAlone, Notice::Recovered];
+        let others = [Notice::PanelsInstead, Notice::CuesAlone, Notice::Recovered, Notice::Welcome];
         for which in faults.into_iter().chain(others) {
             let output = context.run_ui(egui::RawInput::default(), |ui| notice(ui, which));
             let texts: Vec<Rect> = output
@@ -95,7 +107,7 @@ mod tests {
                 .map(|shape| shape.shape.visual_bounding_rect())
                 .collect();
             assert_eq!(texts.len(), 2, "{which:?}");
-            let room = Rect::from_min_max(pos2(180.0, 20.0), pos2(1015.0, 180.0));
+            let room = Rect::from_min_max(pos2(180.0, 20.0), pos2(1015.0, 244.0));
             assert!(texts.iter().all(|text| room.contains_rect(*text)), "{which:?}: {texts:?}");
             assert!(texts[0].max.y <= texts[1].min.y + 1.0, "{which:?}: {texts:?}");
             output.drop_without_applying_deltas();

@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use crate::rig::{Program, Rig};
+use crate::rig::{DATA, Program, Rig};
 
 /// Counts the notice's overlays, identified by key.
 fn notices(shot: &Value) -> usize {
@@ -61,4 +61,23 @@ fn notices_can_be_disabled() {
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert!(!ended.err.contains("notice in the headset"), "{}", ended.err);
+}
+
+#[test]
+fn first_session_welcomes_once() {
+    let mut rig = Rig::new("welcome");
+    let marker = rig.path(DATA).join("welcomed");
+    std::fs::remove_file(&marker).unwrap();
+    rig.start_sensor("empty-room", "natural", 1, 600);
+    rig.start_steamvr(&json!({}), true);
+    let program = streaming(&rig, &[]);
+    wait_notice(&rig, "welcome", 1);
+    wait_notice(&rig, "read", 0);
+    assert_eq!(program.interrupt().code, Some(0));
+    assert!(marker.exists());
+    let program = streaming(&rig, &[]);
+    rig.wait_frames(3 * 90);
+    assert_eq!(notices(&rig.shoot("again")), 0);
+    let ended = program.interrupt();
+    assert!(ended.code == Some(0) && !ended.err.contains("notice in the headset"), "{}", ended.err);
 }

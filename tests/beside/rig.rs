@@ -49,7 +49,10 @@ impl Rig {
         let alone = EXCLUSIVE.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("beside").join(test);
         let _ = fs::remove_dir_all(&folder);
-        fs::create_dir_all(folder.join("home")).unwrap();
+        let data = folder.join(DATA);
+        fs::create_dir_all(&data).unwrap();
+        // This user has seen the welcome.
+        fs::write(data.join("welcomed"), "").unwrap();
         Self { folder, steamvr: None, sensor: None, environment: Vec::new(), _exclusive: alone }
     }
 
@@ -252,6 +255,9 @@ impl Rig {
         }
     }
 }
+
+/// The program's folder of the user's files.
+pub const DATA: &str = "home/.local/share/radar-chaperone";
 
 /// Position of the simulated sensor on the head.
 pub const MOUNT: &str = "0,0.03,-0.10";

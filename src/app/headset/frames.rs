@@ -54,6 +54,8 @@ pub struct FrameLoop<'a> {
     pub settings: &'a SettingsStore,
     /// Ends the loop.
     pub stop: &'a AtomicBool,
+    /// Whether the notice of the first session is due.
+    pub welcome: bool,
     /// Shows that the loop runs.
     pub heartbeat: &'a Heartbeat,
 }
@@ -168,7 +170,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
     ) -> Result<(Self, PanelWorker), HeadsetError> {
         let timing = with.runtime.display_timing();
         let settings = CurrentSettings::new(with.settings);
-        let (dashboard, panel) = Dashboard::new(with.runtime);
+        let (dashboard, panel) = Dashboard::new(with.runtime, with.welcome);
         let (meter, now) = (FrameMeter::new(timing.frame_hz), HeadsetStatus::default());
         let shown = WarningDisplay::new(with.runtime, &settings.now)?;
         let state = Self {
@@ -445,7 +447,8 @@ impl<'s, 'a> LoopState<'s, 'a> {
 
     /// Destroys the overlays now; pictures and device must outlive the session.
     fn end(self) -> (HeadsetStatus, RetainedGraphics) {
-        let status = self.status.current(self.shown.count());
+        let is_welcomed = self.dashboard.has_welcomed();
+        let status = HeadsetStatus { is_welcomed, ..self.status.current(self.shown.count()) };
         let Self { mut shown, dashboard, device, .. } = self;
         // A runtime that is gone refuses; there is nothing to hide then.
         let _ = shown.hide();

@@ -13,6 +13,10 @@ use crate::openvr::{Poses, Runtime};
 /// after a recentring panels stand wrong for this long if its event is missed; ten calls a second.
 const CHECK_INTERVAL_NS: i64 = 100_000_000;
 
+/// After a change it is checked in every frame for this time, nanoseconds: other programs move the standing universe continuously
+/// while the user drags the play space. Choice: a pause within a drag.
+const FOLLOW_NS: i64 = 1_000_000_000;
+
 /// The session's frame, shared with the threads that read poses and save the map.
 pub(super) struct SessionFrame<'s> {
     shared: &'s SharedFrame,
@@ -24,11 +28,21 @@ pub(super) struct SessionFrame<'s> {
     /// How often the user requested a map reset.
     map_resets: u64,
     checked_ns: i64,
+    /// Until then it is checked in every frame.
+    follow_until_ns: i64,
 }
 
 impl<'s> SessionFrame<'s> {
     pub fn new(shared: &'s SharedFrame) -> Self {
-        Self { shared, anchor: None, leap: LeapDetector::default(), leaps: 0, map_resets: 0, checked_ns: i64::MIN }
+        Self {
+            shared,
+            anchor: None,
+            leap: LeapDetector::default(),
+            leaps: 0,
+            map_resets: 0,
+            checked_ns: i64::MIN,
+            follow_until_ns: i64::MIN,
+        }
     }
 
     pub fn anchor(&self) -> Option<Anchor> {
@@ -43,7 +57,7 @@ impl<'s> SessionFrame<'s> {
     /// Compares the universes with those before, when that is due. The change is shared, except that
     /// of a new universe, whose reset shares it.
     pub fn check(&mut self, runtime: &Runtime, now_ns: i64) -> AnchorChange {
-        if now_ns.saturating_sub(self.checked_ns) < CHECK_INTERVAL_NS {
+        if now_ns.saturating_sub(self.checked_ns) < CHECK_INTERVAL_NS && now_ns >= self.follow_until_ns {
             return AnchorChange::Unchanged;
         }
         self.checked_ns = now_ns;
@@ -60,7 +74,10 @@ impl<'s> SessionFrame<'s> {
         match change {
             // The room's id may have become known only now.
             AnchorChange::Unchanged if is_renamed => self.share(),
-            AnchorChange::Recentred => self.share(),
+            AnchorChange::Recentred => {
+                self.follow_until_ns = now_ns.saturating_add(FOLLOW_NS);
+                self.share();
+            }
             AnchorChange::Unchanged | AnchorChange::NewUniverse => {}
         }
         change

@@ -65,6 +65,8 @@ pub struct HeadsetStatus {
     pub forgotten: u64,
     /// How often the graphics device was lost.
     pub devices_lost: u64,
+    /// Whether the notice of the first session has been shown to its end; at the end of a loop.
+    pub is_welcomed: bool,
     /// How the wearer is warned.
     pub output: WarningOutput,
     /// Calls refused by the runtime.

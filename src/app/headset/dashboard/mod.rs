@@ -13,6 +13,7 @@ mod notice_overlay;
 mod notices;
 mod pictures;
 mod tab;
+mod welcome;
 mod worker;
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -59,8 +60,8 @@ pub(super) struct Dashboard {
 }
 
 impl Dashboard {
-    /// Creates the tab and its worker.
-    pub fn new(runtime: &Arc<Runtime>) -> (Self, PanelWorker) {
+    /// Creates the tab and its worker. `welcome`: the notice of the first session is due.
+    pub fn new(runtime: &Arc<Runtime>, welcome: bool) -> (Self, PanelWorker) {
         let (to_worker, inputs) = sync_channel(MAX_INPUTS);
         let (to_loop, drawings) = sync_channel(1);
         let facts = Arc::new(Mutex::default());
@@ -68,7 +69,7 @@ impl Dashboard {
         let work = PanelWorker::new(inputs, to_loop, Arc::clone(&facts), Arc::clone(&forget_room));
         let dashboard = Self {
             tab: Tab::new(runtime),
-            notices: Notices::new(runtime),
+            notices: Notices::new(runtime, welcome),
             pictures: Pictures::new(drawings),
             to_worker,
             facts,
@@ -86,6 +87,11 @@ impl Dashboard {
     /// Whether the user has requested a map reset; true once per request.
     pub fn take_reset_request(&self) -> bool {
         self.forget_room.swap(false, Ordering::Relaxed)
+    }
+
+    /// Whether the notice of the first session has been shown.
+    pub fn has_welcomed(&self) -> bool {
+        self.notices.has_welcomed()
     }
 
     /// The work of a frame.

@@ -8,6 +8,7 @@ use super::WorkerInput;
 use super::facts::Facts;
 use super::fault_monitor::FaultMonitor;
 use super::notice_overlay::NoticeOverlay;
+use super::welcome::Welcome;
 use crate::openvr::{OpenVrError, Runtime, VulkanTexture};
 use crate::panel::Notice;
 
@@ -16,6 +17,7 @@ pub(super) struct Notices {
     /// `None`: the runtime provides none.
     overlay: Option<NoticeOverlay>,
     faults: FaultMonitor,
+    welcome: Welcome,
     /// The notice to show, and the one last requested from the worker.
     wanted: Option<Notice>,
     requested: Option<Notice>,
@@ -24,10 +26,18 @@ pub(super) struct Notices {
 }
 
 impl Notices {
-    pub fn new(runtime: &Arc<Runtime>) -> Self {
+    /// `welcome`: the notice of the first session is due.
+    pub fn new(runtime: &Arc<Runtime>, welcome: bool) -> Self {
         let overlay =
             NoticeOverlay::new(runtime).inspect_err(|error| log::warn!("no notices in the headset: {error}")).ok();
-        Self { overlay, faults: FaultMonitor::default(), wanted: None, requested: None, logged: None }
+        Self {
+            overlay,
+            faults: FaultMonitor::default(),
+            welcome: Welcome::new(welcome),
+            wanted: None,
+            requested: None,
+            logged: None,
+        }
     }
 
     /// Whether there is a notice to show.
@@ -47,10 +57,14 @@ impl Notices {
         to_worker: &SyncSender<WorkerInput>,
     ) -> Result<(), OpenVrError> {
         let trouble = self.faults.update(now_ns, facts.sensor, facts.is_alive, facts.output);
-        self.wanted = trouble.filter(|_| facts.may_notify && !is_tab_open);
+        let may_notify = facts.may_notify && !is_tab_open;
+        let may_welcome = may_notify && trouble.is_none() && facts.sensor.is_some_and(|sensor| sensor.sweeps > 0);
+        let welcome = self.welcome.update(now_ns, may_welcome);
+        self.wanted = trouble.or(welcome).filter(|_| may_notify);
         let Some(overlay) = &mut self.overlay else { return Ok(()) };
         if let Some(notice) = self.wanted.filter(|_| self.wanted != self.logged) {
-            log::warn!("notice in the headset: {}", notice.headline());
+            let level = if notice.is_good() { log::Level::Info } else { log::Level::Warn };
+            log::log!(level, "notice in the headset: {}", notice.headline());
             self.logged = self.wanted;
         }
         let has_faded = overlay.update(now_ns, self.wanted);
@@ -60,6 +74,11 @@ impl Notices {
             self.requested = Some(notice);
         }
         has_faded.map(drop)
+    }
+
+    /// Whether the notice of the first session has been shown.
+    pub fn has_welcomed(&self) -> bool {
+        self.welcome.is_done()
     }
 
     /// Takes the picture of a notice.
