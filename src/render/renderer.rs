@@ -360,7 +360,8 @@ pub(super) mod tests {
                 let quads = renderer.quads(&only(panel), &settings).unwrap();
                 let picture = renderer.picture_of(&quads[0]).unwrap();
                 let px = |m: f64| (m / size_m.x * f64::from(picture.width())) as u32;
-                let row = |m_from_middle: f64| px(0.4 - m_from_middle);
+                let py = |m: f64| (m / size_m.y * f64::from(picture.height())) as u32;
+                let row = |m_from_middle: f64| py(0.4 - m_from_middle);
                 // An isolated disc is drawn at 0.55 of its radius, because voxels normally overlap.
                 // Positions at which lines cross a row of pixels: metres from the left, and height
                 // of the row from the centre.
@@ -376,7 +377,7 @@ pub(super) mod tests {
                 }
                 // The foot line is horizontal: check it along a column.
                 let turned = image::imageops::rotate90(&picture);
-                let foot = contrasts(&turned, px(0.07), 0..px(0.03));
+                let foot = contrasts(&turned, px(0.07), 0..py(0.03));
                 assert!(foot.iter().all(|c| *c >= 3.0), "{style:?}, foot: {foot:.1?}");
             }
             let corners_xz_m = [(-0.3, 0.3), (0.3, 0.3), (0.3, -0.3), (-0.3, -0.3)].map(DVec2::from).to_vec();
