@@ -3,7 +3,8 @@
 use anyhow::Result;
 use clap::Args;
 
-use a121::find::{Candidate, choose, list_ports};
+use a121::PortError;
+use a121::find::{Candidate, boards_without_port, choose, list_ports};
 
 /// Command-line arguments of the board.
 #[derive(Debug, Clone, Args)]
@@ -27,6 +28,9 @@ impl BoardArguments {
 
     /// The given board, or the most likely one.
     pub fn choose(&self) -> Result<Candidate> {
-        Ok(choose(self.port.as_deref(), &list_ports())?)
+        Ok(choose(self.port.as_deref(), &list_ports()).map_err(|error| match error {
+            PortError::NoBoard { .. } => boards_without_port().into_iter().next().unwrap_or(error),
+            other => other,
+        })?)
     }
 }

@@ -11,7 +11,7 @@ use super::doctor_steamvr::{check_steamvr, check_steamvr_apart};
 use super::findings::Findings;
 use crate::app::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
 use crate::app::{counter_lines, line_speed, preset_table};
-use a121::find::{Candidate, discover, list_ports};
+use a121::find::{Candidate, boards_without_port, discover, list_ports};
 use a121::preset;
 use a121::remedy::{MODEM_MANAGER_REMEDY, modem_manager_runs, owning_group};
 use a121::{Address, Event, SensorInfo, Setup, SystemInfo};
@@ -123,6 +123,9 @@ impl Doctor {
 fn check_ports(findings: &Findings, is_named: bool) -> Result<()> {
     let ports = list_ports();
     let found = discover(&ports);
+    for board in boards_without_port() {
+        findings.warn("Ports", &board.to_string())?;
+    }
     if !is_named && ports.iter().all(|port| port.usb.is_none()) {
         findings.warn(
             "Ports",
@@ -146,6 +149,7 @@ fn check_access(findings: &Findings, candidate: &Candidate) -> Result<()> {
         findings.ok("Access", &format!("{path} belongs to group {group}"))?;
     }
     match modem_manager_runs() {
+        _ if cfg!(windows) => Ok(()),
         true => findings.warn("ModemManager", &format!("is running. {MODEM_MANAGER_REMEDY}")),
         false => findings.ok("ModemManager", "is not running"),
     }

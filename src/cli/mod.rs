@@ -17,7 +17,6 @@ mod replay;
 mod results;
 mod run;
 mod sensor;
-#[cfg_attr(not(unix), path = "serve_elsewhere.rs")]
 mod serve;
 mod simulate;
 mod view;

@@ -4,18 +4,18 @@
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use num_complex::Complex;
 
-use a121::device::{
-    Board, Device, DeviceCounters, FaultPlan, FrameRequest, SampleSource, ServeAddress, Server, monotonic_ns,
-};
+use a121::device::{Board, Device, DeviceCounters, FaultPlan, FrameRequest, SampleSource, ServeAddress, Server};
+use a121::monotonic_ns;
 use radar_sar::geometry::Pose;
 use radar_simulation::{LiveScenario, Scenario};
+
+use crate::app::stop_flag;
 
 /// Length of the head's path, which is followed back and forth, seconds. Choice: longer than a play
 /// session; bounds what is computed beforehand.
@@ -94,12 +94,7 @@ impl Serve {
         let board = Board::from_name(name).ok_or_else(|| anyhow!("board \"{name}\" is not known"))?;
         let plan = FaultPlan::parse(self.faults.as_deref().unwrap_or_default())?;
         let live = scenario.live()?;
-        let stopped = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            // A second signal ends the program at once.
-            signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stopped))?;
-            signal_hook::flag::register(signal, Arc::clone(&stopped))?;
-        }
+        let stopped = stop_flag()?;
         let origin_ns = monotonic_ns() + (self.start_in_s.unwrap_or(0.0) * 1e9) as i64;
         let offset_ns = (scenario.time_offset_s * 1e9) as i64;
         let poses = Poses { live: live.clone(), origin_ns, offset_ns };

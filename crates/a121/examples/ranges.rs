@@ -71,9 +71,9 @@ fn print_strongest(config: &SensorConfig, layout: &FrameLayout, frame: &Frame) {
 }
 
 /// A simulated board, served on a thread of its own.
-#[cfg(unix)]
 mod simulated {
-    use a121::device::{Board, Device, FaultPlan, FrameRequest, SampleSource, ServeAddress, Server, monotonic_ns};
+    use a121::device::{Board, Device, FaultPlan, FrameRequest, SampleSource, ServeAddress, Server};
+    use a121::monotonic_ns;
     use num_complex::Complex;
 
     /// Starts it; returns its port.
@@ -101,12 +101,5 @@ mod simulated {
             (0..request.config.sweeps_per_frame).for_each(|_| samples.extend(&sweep));
             false
         }
-    }
-}
-
-#[cfg(not(unix))]
-mod simulated {
-    pub fn serve() -> Result<String, Box<dyn std::error::Error>> {
-        Err("the simulated board can be served on Unix systems only: name a port".into())
     }
 }

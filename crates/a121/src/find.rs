@@ -2,13 +2,13 @@
 //!
 //! Boards are recognised by USB ids (XC120, the CP2105 of an XE125, the CH340 of a SparkFun XM125)
 //! or by a product string that contains a name such as `XC120`. An XE125 has two ports; the server
-//! is on the one called Enhanced. Choosing is pure; only [`list_ports`] does I/O.
+//! is on the one called Enhanced. Choosing is pure; only [`list_ports`] and [`boards_without_port`] do I/O.
 
 use std::path::Path;
 
 use serialport::SerialPortType;
 
-use super::{Address, FIRST_BAUD, Link, PortError, TCP_PORT};
+use super::{Address, FIRST_BAUD, Link, PortError, TCP_PORT, platform, remedy};
 use crate::{LineSpeed, LinkRequirement, preset};
 
 /// Description of a USB device.
@@ -188,8 +188,9 @@ fn classify(port: &PortDescription) -> Classification {
 /// An XE125 has its server on the CP2105's interface 0, called Enhanced; its second port is
 /// rejected.
 fn xe125(usb: &UsbDescription) -> Classification {
-    let is_enhanced = match &usb.interface {
-        Some(name) if !name.is_empty() => name.to_ascii_lowercase().contains("enhanced"),
+    let name = usb.interface.as_deref().unwrap_or_default().to_ascii_lowercase();
+    let is_enhanced = match (name.contains("enhanced"), name.contains("standard")) {
+        (is_enhanced, is_standard) if is_enhanced != is_standard => is_enhanced,
         _ => usb.interface_number.is_none_or(|number| number == 0),
     };
     match is_enhanced {
@@ -302,7 +303,20 @@ pub fn list_ports() -> Vec<PortDescription> {
     let mut ports: Vec<PortDescription> =
         serialport::available_ports().unwrap_or_default().into_iter().map(port_description).collect();
     ports.sort_by(|a, b| a.path.cmp(&b.path));
+    platform::complete_usb(&mut ports);
     ports
+}
+
+/// Boards that are plugged in and have no serial port, because another driver has them or none does; each with what to do.
+pub fn boards_without_port() -> Vec<PortError> {
+    let board = |usb: UsbDescription| match classify(&PortDescription { path: String::new(), usb: Some(usb.clone()) }) {
+        Classification::Board(board) => Some(PortError::NoSerialPort {
+            device: format!("{} ({:04X}:{:04X})", board.name(), usb.vid, usb.pid),
+            remedy: remedy::missing_driver(board),
+        }),
+        Classification::Rejected(_) => None,
+    };
+    platform::usb_without_port().into_iter().filter_map(board).collect()
 }
 
 fn port_description(port: serialport::SerialPortInfo) -> PortDescription {
@@ -314,20 +328,11 @@ fn port_description(port: serialport::SerialPortInfo) -> PortDescription {
             manufacturer: usb.manufacturer,
             product: usb.product,
             interface_number: usb.interface,
-            interface: interface_name(&port.port_name),
+            interface: None,
         }),
         _ => None,
     };
     PortDescription { path: port.port_name, usb }
-}
-
-/// Reads the name of the interface, which the serialport crate does not read. The tty of a UART is
-/// below its interface; the tty of a modem is the interface itself.
-fn interface_name(path: &str) -> Option<String> {
-    let device = Path::new("/sys/class/tty").join(Path::new(path).file_name()?).join("device").canonicalize().ok()?;
-    let places = [device.join("interface"), device.parent()?.join("interface")];
-    let text = places.iter().find_map(|place| std::fs::read_to_string(place).ok())?;
-    Some(text.trim().to_owned())
 }
 
 #[cfg(test)]
@@ -362,6 +367,8 @@ mod tests {
             ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (1, "Standard Com Port"), Err("second port")),
             ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (0, ""), Ok(Board::Xe125)),
             ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (1, ""), Err("second port")),
+            ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (0, "Dual USB to UART"), Ok(Board::Xe125)),
+            ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (1, "Dual USB to UART"), Err("second port")),
             ((0x10C4, 0xEA60), "CP2102", (0, ""), Err("not a known A121 board")),
             ((0x0403, 0x6010), "XE125", (1, "ENHANCED"), Ok(Board::Xe125)),
             ((0x0403, 0x6010), "XE125", (0, "Standard"), Err("second port")),

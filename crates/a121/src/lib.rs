@@ -89,6 +89,7 @@ mod frame;
 mod layout;
 mod link;
 mod parser;
+mod platform;
 mod port;
 mod presets;
 mod prf;
@@ -102,6 +103,8 @@ mod test_stream;
 mod tick_dequantiser;
 mod ticks;
 mod timing;
+#[cfg(any(test, windows))]
+mod usb_nodes;
 #[cfg(feature = "vendor-h5")]
 pub mod vendor_h5;
 mod version;
@@ -115,6 +118,7 @@ pub use frame::{Frame, FrameLayout, Sweep};
 pub use layout::ResultLayout;
 pub use link::{LineSpeed, LinkCapacity, LinkPrediction, LinkRequirement};
 pub use parser::{MAX_LINE_BYTES, Message, Parser, Received, ResultMessage, StreamCounters};
+pub use platform::monotonic_ns;
 pub use port::{Address, Line, PortError, TCP_PORT};
 pub use presets::{PRESETS, preset, preset_purpose};
 pub use prf::Prf;

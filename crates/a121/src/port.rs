@@ -1,19 +1,20 @@
 //! An open line to a board: a serial port, or a TCP socket to a server on a Raspberry Pi. Only this
-//! file, `find` and `remedy` do I/O in this module.
+//! file, `find`, `remedy` and `platform` do I/O in this module.
 //!
 //! Reads wait with the precision of the system's timers (`ppoll`), because a payload counts as
-//! ended after 300 µs without bytes. Nothing here blocks forever. A board that holds its flow
+//! ended after 300 µs without bytes. On Windows these are milliseconds: a result whose following line
+//! does not come is accepted that much later. Nothing here blocks forever. A board that holds its flow
 //! control would block a write, a break and even closing. So output is written in pieces that fit
 //! the driver's buffer, and is discarded before a break and before closing.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use serialport::{ClearBuffer, DataBits, FlowControl, Parity, SerialPort, StopBits};
 
+use super::platform::{self, EXAMPLE_PORT, Watch};
 use super::{Action, FIRST_BAUD, find, remedy};
 
 /// TCP port of the server on a Raspberry Pi. Source: the vendor's exploration server.
@@ -93,8 +94,16 @@ pub enum PortError {
         remedy: String,
     },
     /// Not a serial port.
-    #[error("{0} is not a serial port: give the board's port, such as /dev/ttyACM0, or tcp:HOST[:PORT]")]
+    #[error("{0} is not a serial port: give the board's port, such as {port}, or tcp:HOST[:PORT]", port = EXAMPLE_PORT)]
     NotAPort(String),
+    /// The board is plugged in, but the system offers no serial port for it.
+    #[error("{device} is plugged in, and there is no COM port for it: {remedy}")]
+    NoSerialPort {
+        /// Which board, with its USB ids.
+        device: String,
+        /// What to do.
+        remedy: String,
+    },
     /// Not a valid address.
     #[error("\"{0}\" is not an address: write tcp:HOST or tcp:HOST:PORT")]
     Address(String),
@@ -177,7 +186,7 @@ impl Line {
         let patience = patience.min(MAX_WAIT);
         let read = match &mut self.end {
             Transport::Serial(port) => {
-                let _ = port.set_timeout(patience);
+                let _ = port.set_timeout(platform::driver_timeout(patience));
                 port.read(buffer)
             }
             Transport::Tcp(socket) => read_socket(socket, buffer, patience),
@@ -217,7 +226,7 @@ impl Line {
             let patience = WRITE_TIMEOUT.saturating_sub(start.elapsed()).max(Duration::from_millis(1));
             let written = match &mut self.end {
                 Transport::Serial(port) => {
-                    let _ = port.set_timeout(patience);
+                    let _ = port.set_timeout(platform::driver_timeout(patience));
                     port.write(&rest[..rest.len().min(WRITE_CHUNK_BYTES)])
                 }
                 Transport::Tcp(socket) => socket.set_write_timeout(Some(patience)).and_then(|()| socket.write(rest)),
@@ -292,7 +301,7 @@ fn open_serial(path: &str, flow_control: bool) -> Result<Box<dyn SerialPort>, Po
         .parity(Parity::None)
         .stop_bits(StopBits::One)
         .flow_control(flow_control);
-    builder.open().map_err(|error| open_error(path, &error))
+    platform::open_serial(builder).map_err(|error| open_error(path, &error))
 }
 
 /// Converts an error of the serialport crate.
@@ -306,14 +315,14 @@ fn open_error(path: &str, error: &serialport::Error) -> PortError {
             let remedy = remedy::permission(&path);
             PortError::Permission { path, remedy }
         }
-        serialport::ErrorKind::NoDevice if Path::new(&path).exists() => {
+        _ if std::fs::metadata(&path).is_ok_and(|m| m.is_file() || m.is_dir()) => PortError::NotAPort(path),
+        serialport::ErrorKind::NoDevice if platform::is_in_use(&path) => {
             let (holder, remedy) = remedy::holder_and_remedy(&path);
             PortError::Busy { path, holder, remedy }
         }
         serialport::ErrorKind::NoDevice => {
             PortError::NotFound { path, available: find::describe_ports(&find::list_ports()) }
         }
-        _ if std::fs::metadata(&path).is_ok_and(|m| m.is_file() || m.is_dir()) => PortError::NotAPort(path),
         _ => match error.description.as_str() {
             "Not a typewriter" => PortError::NotAPort(path),
             reason => PortError::Other { doing: "open", address: path, reason: reason.to_owned() },
@@ -341,20 +350,14 @@ fn open_tcp(host: &str) -> Result<TcpStream, PortError> {
     Err(failed)
 }
 
-/// Uses `poll`, since the timeouts of sockets are as coarse as the system tick.
-#[cfg(unix)]
+/// Waits apart from reading, since the timeouts of sockets are as coarse as the system tick.
 fn read_socket(socket: &mut TcpStream, buffer: &mut [u8], patience: Duration) -> io::Result<usize> {
-    use rustix::event::{PollFd, PollFlags, Timespec, poll};
-    let patience = Timespec { tv_sec: patience.as_secs() as i64, tv_nsec: patience.subsec_nanos().into() };
-    if poll(&mut [PollFd::new(&*socket, PollFlags::IN)], Some(&patience))? == 0 {
+    let mut watch = [Watch::new(socket, false)];
+    platform::wait(&mut watch, patience.as_nanos() as i64)?;
+    let [watch] = watch;
+    if !(watch.has_input() || watch.is_closed()) {
         return Err(ErrorKind::TimedOut.into());
     }
-    socket.read(buffer)
-}
-
-#[cfg(not(unix))]
-fn read_socket(socket: &mut TcpStream, buffer: &mut [u8], patience: Duration) -> io::Result<usize> {
-    socket.set_read_timeout(Some(patience.max(Duration::from_millis(1))))?;
     socket.read(buffer)
 }
 

@@ -1,11 +1,26 @@
 //! Finds out why a port cannot be opened, and what to do about it.
 
+use crate::find::Board;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Limit of the number of processes examined. Choice: bounds the time of an error message; a
 /// desktop runs some hundreds.
 const MAX_PROCESSES: usize = 65_536;
+
+/// How a board that has no serial port on Windows gets one.
+pub(super) fn missing_driver(board: Board) -> String {
+    match board {
+        Board::Xe125 => "install the driver of its USB chip, Silicon Labs' CP210x; Windows Update has it too".to_owned(),
+        Board::SparkfunXm125 => "install the driver of its USB chip, WCH's CH341SER; Windows Update has it too".to_owned(),
+        _ => {
+            "another driver has it, such as WinUSB. In the Device Manager: Update driver, Browse my computer, Let me pick, \
+             Ports (COM & LPT), Microsoft, USB Serial Device; or the driver \"USB Serial (CDC)\" by the program Zadig"
+                .to_owned()
+        }
+    }
+}
 
 /// How this user can get access to a port.
 pub(super) fn permission(path: &str) -> String {

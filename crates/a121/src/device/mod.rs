@@ -14,7 +14,6 @@
 //! which owns its state.
 
 mod board;
-#[cfg(unix)]
 mod endpoint;
 mod faults;
 mod line;
@@ -23,7 +22,6 @@ mod output;
 mod protocol;
 mod samples;
 mod sensors;
-#[cfg(unix)]
 mod serve;
 mod stream;
 mod transmitter;
@@ -33,13 +31,11 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 pub use board::Board;
-#[cfg(unix)]
 pub use endpoint::{ServeAddress, ServeError};
 pub use faults::{Fault, FaultPlan, FaultPlanError, MAX_FAULTS_PER_MINUTE};
 pub use output::{DeviceCounters, Output, SentResult};
 pub use samples::{FrameRequest, SampleSource, TickSeededNoise};
-#[cfg(unix)]
-pub use serve::{Server, monotonic_ns};
+pub use serve::Server;
 pub use stream::SentInfo;
 
 use board::BoardClock;

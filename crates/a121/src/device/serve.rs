@@ -1,21 +1,16 @@
 //! Serves a simulated board in real time, on one thread that sleeps until something is due.
 
-use rustix::time::{ClockId, clock_gettime};
-
-use super::endpoint::{Endpoint, EndpointEvent, sleep};
+use super::endpoint::{Endpoint, EndpointEvent};
 use super::{Device, FIRST_BAUD, Output, ServeAddress, ServeError};
+use crate::platform::{monotonic_ns, wait};
 
 /// Buffer of a port for a late reader, bytes; a pseudo-terminal itself holds 12 kB. Choice: 0.3 s
 /// of preset d16; a later reader makes the board delay frames.
 const PORT_BYTES: usize = 64 << 10;
+/// Longest step, nanoseconds. Choice: a caller that is asked to end is not noticeably late.
+const MAX_STEP_NS: i64 = 500_000_000;
 /// Start of the first command of every session.
 const FIRST_COMMAND: &[u8] = b"{\"cmd\":\"get_system_info\"";
-
-/// The host's monotonic clock, nanoseconds.
-pub fn monotonic_ns() -> i64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    now.tv_sec * 1_000_000_000 + now.tv_nsec as i64
-}
 
 /// A board served at an address.
 pub struct Server {
@@ -66,11 +61,11 @@ impl Server {
         }
         self.flush();
         let due_ns = self.device.next_ns().min(until_ns);
-        let timeout_ns = due_ns.saturating_sub(monotonic_ns());
+        let timeout_ns = due_ns.saturating_sub(monotonic_ns()).min(MAX_STEP_NS);
         let mut heard = Vec::new();
         let waited = match &mut self.endpoint {
             Some(endpoint) => endpoint.wait(timeout_ns, !self.unsent.is_empty(), &mut heard),
-            None => sleep(&mut [], timeout_ns),
+            None => wait(&mut [], timeout_ns),
         };
         waited.map_err(|source| ServeError::Io { place: self.place.port(), source })?;
         heard.into_iter().for_each(|heard| self.handle_event(heard));
