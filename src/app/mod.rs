@@ -15,6 +15,7 @@ mod instance;
 mod latency;
 mod latency_tracker;
 mod mount_memory;
+mod platform;
 mod pose_tail;
 mod printable;
 mod priority;
@@ -49,9 +50,10 @@ pub use headset::{
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
 pub use mount_memory::{correction_text, known_mounts};
+pub use platform::refine_timers;
 pub use pose_tail::{PoseTail, PoseTailCounters};
 pub use printable::printable;
-pub use priority::lower_priority_of_this_thread;
+pub use priority::{lower_priority_of_this_thread, raise_priority_of_this_thread};
 pub use queue::{Dropped, Received};
 pub use reconstruction::{
     PublishedMap, Reconstruction, ReconstructionCounters, ReconstructionError, ReconstructionOptions,

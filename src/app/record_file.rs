@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 
+use super::host_clock::CLOCK_NAME;
 use super::{EventMerger, PoseTail, now_ns};
 use a121::SensorConfig;
 use a121::{SetupReply, SystemInfo};
@@ -136,7 +137,7 @@ impl RecordFile {
             if away_ns.saturating_abs() > MAX_CLOCK_DIFFERENCE_NS && !std::mem::replace(&mut self.has_warned, true) {
                 log::warn!(
                     "the newest pose of the track is {:.1} s away from now: its times must be seconds of this computer's \
-                     monotonic clock (CLOCK_MONOTONIC), now {:.3}",
+                     monotonic clock ({CLOCK_NAME}), now {:.3}",
                     away_ns as f64 * 1e-9,
                     now_ns as f64 * 1e-9
                 );

@@ -11,7 +11,7 @@ use std::thread::{Builder, JoinHandle, sleep};
 use std::time::Duration;
 
 use super::queue::Queue;
-use super::{Dropped, Latency, LatencyReport, Received, now_ns, thread_cpu_ns};
+use super::{Dropped, Latency, LatencyReport, Received, now_ns, raise_priority_of_this_thread, thread_cpu_ns};
 use a121::find::{Candidate, find_replugged, list_ports};
 use a121::{Action, Address, ClockReport, Event, Line, PortError, Session, SessionCounters, SessionError, Setup};
 
@@ -215,6 +215,7 @@ struct Reader {
 impl Reader {
     fn run(mut self) {
         let _end = QueueCloser(Arc::clone(&self.shared));
+        raise_priority_of_this_thread();
         while !self.is_over() {
             self.apply_stop();
             match self.line.is_some() {

@@ -21,6 +21,7 @@ use super::stop::stop_flag;
 use super::watchdog::{Heartbeat, exit_now};
 use super::welcome;
 use super::{Ending, FrameLoop, HeadsetReport, MapStore, SettingsStore, now_ns};
+use super::{raise_priority_of_this_thread, refine_timers};
 use crate::openvr::{Chaperone, OpenVrError, Role, Runtime, RuntimePaths};
 use crate::settings::Settings;
 use crate::viewer::Recorder;
@@ -71,6 +72,7 @@ impl SessionOptions {
     pub fn run(&self) -> Result<()> {
         let _instance = Instance::claim()?;
         let stop = stop_flag()?;
+        refine_timers();
         match self.view {
             true => session_view::show(&stop, |recorder| self.sessions(&stop, Some(&recorder))),
             false => self.sessions(&stop, None),
@@ -177,6 +179,8 @@ impl SessionOptions {
                 }
                 let (runtime, settings, heartbeat) = (&runtime, store, &heartbeat);
                 let welcome = !welcome::is_done();
+                // This thread runs the frame loop.
+                raise_priority_of_this_thread();
                 let frames = FrameLoop { runtime, supervisor, maps, settings, stop, welcome, heartbeat };
                 let done = frames.run();
                 heartbeat.begin_end();

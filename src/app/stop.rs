@@ -1,24 +1,18 @@
-//! Signals that end a long-running command.
+//! What ends a long-running command.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
-/// Ctrl-C, termination, and closing of the terminal.
-#[cfg(unix)]
-const ENDING_SIGNALS: [i32; 3] =
-    [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
-/// Ctrl-C and termination.
-#[cfg(not(unix))]
-const ENDING_SIGNALS: [i32; 2] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM];
+use super::platform;
 
-/// Set by the first signal; a second one ends the program at once.
+/// Set by the first request of the user or the system to end; a second one ends the program at once.
+///
+/// # Errors
+/// The system refuses; on Windows, a second flag in the process.
 pub fn stop_flag() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in ENDING_SIGNALS {
-        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))?;
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
+    platform::stop_when_asked(&stop).context("cannot handle Ctrl-C")?;
     Ok(stop)
 }

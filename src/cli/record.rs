@@ -11,9 +11,9 @@ use clap::Args;
 use super::files::refuse_overwriting;
 use super::sensor::SensorArguments;
 use crate::app::HeadPoses;
-use crate::app::stop_flag;
 use crate::app::{FrameIntake, MAX_WAITING_POSES, Until};
 use crate::app::{PoseSource, RecordFile};
+use crate::app::{refine_timers, stop_flag};
 use crate::openvr::{Role, Runtime, RuntimePaths};
 use radar_mapping::Event;
 
@@ -38,7 +38,7 @@ pub(super) struct Record {
     #[arg(long)]
     duration_s: Option<f64>,
     /// Head poses, read while another program writes them: TUM, or CSV by its extension, times of
-    /// this computer's monotonic clock
+    /// this computer's monotonic clock (on Windows its performance counter), seconds
     #[arg(long, value_name = "TRACK.tum|.csv")]
     poses: Option<PathBuf>,
     /// Records no poses from SteamVR even if it runs
@@ -54,6 +54,7 @@ impl Record {
         let sensor = self.sensor.choose()?;
         sensor.print()?;
         let stop = stop_flag()?;
+        refine_timers();
         let (sender, receiver) = std::sync::mpsc::sync_channel(MAX_WAITING_POSES);
         let runtime = self.headset();
         let source = match (&self.poses, &runtime) {

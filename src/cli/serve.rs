@@ -15,7 +15,7 @@ use a121::monotonic_ns;
 use radar_sar::geometry::Pose;
 use radar_simulation::{LiveScenario, Scenario};
 
-use crate::app::stop_flag;
+use crate::app::{refine_timers, stop_flag};
 
 /// Length of the head's path, which is followed back and forth, seconds. Choice: longer than a play
 /// session; bounds what is computed beforehand.
@@ -95,6 +95,7 @@ impl Serve {
         let plan = FaultPlan::parse(self.faults.as_deref().unwrap_or_default())?;
         let live = scenario.live()?;
         let stopped = stop_flag()?;
+        refine_timers();
         let origin_ns = monotonic_ns() + (self.start_in_s.unwrap_or(0.0) * 1e9) as i64;
         let offset_ns = (scenario.time_offset_s * 1e9) as i64;
         let poses = Poses { live: live.clone(), origin_ns, offset_ns };

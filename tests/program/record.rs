@@ -183,19 +183,62 @@ fn signals_end_the_recording_without_damage() {
     let folder = Folder::new("record_signal");
     for signal in ["-INT", "-TERM", "-HUP"] {
         let out = format!("r{signal}.mcap");
-        let mut child = Command::new(env!("CARGO_BIN_EXE_radar-chaperone"))
-            .args(["record", "--port", &board(), "--out", &out])
-            .current_dir(folder.path(""))
-            .stdout(Stdio::null())
-            .spawn()
-            .unwrap();
-        let start = Instant::now();
-        while std::fs::metadata(folder.path(&out)).map_or(0, |metadata| metadata.len()) < 100_000 {
-            assert!(start.elapsed() < Duration::from_secs(30), "nothing is recorded");
-            sleep(Duration::from_millis(20));
-        }
-        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        let mut child = recording(&folder, &mut Command::new(crate::PROGRAM), &out);
+        wait_for_bytes(&folder, &out, 100_000);
+        send(signal, &child);
         assert_eq!(child.wait().unwrap().code(), Some(0));
         folder.run(&format!("info {out}")).succeeds().prints("Damage     none").prints("no gaps");
     }
+}
+
+#[test]
+#[cfg(unix)]
+fn a_recording_by_nohup_outlives_its_terminal() {
+    let folder = Folder::new("record_nohup");
+    // What `nohup` does: the program inherits that the signal is ignored.
+    let mut shell = Command::new("sh");
+    shell.args(["-c", "trap '' HUP; exec \"$0\" \"$@\"", crate::PROGRAM]);
+    let mut child = recording(&folder, &mut shell, "r.mcap");
+    wait_for_bytes(&folder, "r.mcap", 100_000);
+    send("-HUP", &child);
+    let bytes = std::fs::metadata(folder.path("r.mcap")).unwrap().len();
+    wait_for_bytes(&folder, "r.mcap", bytes + 200_000);
+    send("-TERM", &child);
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    folder.run("info r.mcap").succeeds().prints("Damage     none").prints("no gaps");
+}
+
+#[cfg(unix)]
+fn recording(folder: &Folder, program: &mut Command, out: &str) -> std::process::Child {
+    let program = program.args(["record", "--port", &board(), "--out", out]);
+    program.current_dir(folder.path("")).stdout(Stdio::null()).spawn().unwrap()
+}
+
+#[cfg(unix)]
+fn wait_for_bytes(folder: &Folder, name: &str, bytes: u64) {
+    let start = Instant::now();
+    while std::fs::metadata(folder.path(name)).map_or(0, |metadata| metadata.len()) < bytes {
+        assert!(start.elapsed() < Duration::from_secs(30), "nothing is recorded");
+        sleep(Duration::from_millis(20));
+    }
+}
+
+#[cfg(unix)]
+fn send(signal: &str, child: &std::process::Child) {
+    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+}
+
+#[test]
+fn run_leaves_in_the_log_file_why_it_ended() {
+    let folder = Folder::new("run_log");
+    let home = folder.path("");
+    let home = home.to_str().unwrap();
+    // SteamVR is not installed there.
+    let variables = ["HOME", "LOCALAPPDATA", "XDG_STATE_HOME", "XDG_CONFIG_HOME"].map(|name| (name, home));
+    for _ in 0..2 {
+        folder.run_with("run", &variables).fails_with("SteamVR is not installed");
+    }
+    let log = String::from_utf8(folder.read("radar-chaperone/run.log")).unwrap();
+    let lines: Vec<&str> = log.lines().filter(|line| line.contains("Z error: SteamVR is not installed")).collect();
+    assert!(lines.len() == 2 && lines[0].starts_with("20"), "{log}");
 }

@@ -1,0 +1,12 @@
+//! What differs between operating systems and is not in a crate: how a program is asked to end, thread priorities, processor
+//! time and timers. Both files have the same functions.
+
+#[cfg(unix)]
+mod unix;
+#[cfg(windows)]
+mod windows;
+
+#[cfg(unix)]
+pub use unix::*;
+#[cfg(windows)]
+pub use windows::*;
