@@ -9,15 +9,9 @@
 /// head`) is no error, so that the rest of the work is still done.
 #[macro_export]
 macro_rules! outln {
-    ($($text:tt)*) => {{
-        use std::io::Write;
-        match writeln!(std::io::stdout(), "{}", $crate::app::printable(&format!($($text)*))) {
-            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-                Err(anyhow::Error::new(error).context("cannot write to standard output"))
-            }
-            _ => Ok(()),
-        }
-    }};
+    ($($text:tt)*) => {
+        $crate::app::print_line(&format!($($text)*))
+    };
 }
 
 pub mod app;

@@ -14,6 +14,7 @@ mod host_clock;
 mod instance;
 mod latency;
 mod latency_tracker;
+mod log_file;
 mod mount_memory;
 mod platform;
 mod pose_tail;
@@ -49,8 +50,9 @@ pub use headset::{
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
+pub use log_file::{begin_log_file, log_line, print_line};
 pub use mount_memory::{correction_text, known_mounts};
-pub use platform::refine_timers;
+pub use platform::{leave_own_console, open_missing_console, refine_timers};
 pub use pose_tail::{PoseTail, PoseTailCounters};
 pub use printable::printable;
 pub use priority::{lower_priority_of_this_thread, raise_priority_of_this_thread};

@@ -29,7 +29,7 @@ use clap::{Parser, Subcommand};
 
 use radar_sar::{INSTRUCTIONS_VARIABLE, InstructionSet};
 
-use crate::app::printable;
+use crate::app::{begin_log_file, leave_own_console, log_line, open_missing_console, printable};
 
 /// Sees the room around a VR headset with a 60 GHz radar and warns of obstacles.
 ///
@@ -86,21 +86,33 @@ fn error_text(error: &anyhow::Error) -> String {
 
 /// Runs the program; prints errors with their causes to standard error.
 pub fn run() -> ExitCode {
+    let is_run = std::env::args_os().nth(1).is_some_and(|word| word == "run");
+    if is_run {
+        leave_own_console()
+    } else {
+        open_missing_console()
+    }
+    let arguments = Arguments::parse();
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn"))
         .format(|out, record| {
             let text = printable(&record.args().to_string());
+            log_line(&format!("[{:<5} {}] {text}", record.level(), record.target()));
             writeln!(out, "[{:<5} {}] {text}", record.level(), record.target())
         })
         .init();
-    let arguments = Arguments::parse();
+    if is_run && let Err(error) = begin_log_file() {
+        log::warn!("there is no log file: {error}");
+    }
     let done = InstructionSet::limit()
         .with_context(|| format!("{INSTRUCTIONS_VARIABLE} in the environment"))
         .and_then(|_| arguments.command.run());
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
+            let text = error_text(&error);
+            log_line(&format!("error: {text}"));
             // If nobody reads it, the exit code still reports the failure.
-            let _ = writeln!(std::io::stderr(), "error: {}", printable(&error_text(&error)));
+            let _ = writeln!(std::io::stderr(), "error: {}", printable(&text));
             ExitCode::FAILURE
         }
     }

@@ -53,3 +53,9 @@ pub fn raise_priority_of_this_thread() {}
 
 /// Does nothing: waits are as fine as the system's timers.
 pub fn refine_timers() {}
+
+/// Does nothing: a program has the terminal that it was started in.
+pub fn open_missing_console() {}
+
+/// Does nothing: a program never has a terminal of its own.
+pub fn leave_own_console() {}

@@ -1,5 +1,6 @@
 //! Windows.
 
+use std::io::IsTerminal;
 use std::ptr::{null, null_mut};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -7,7 +8,10 @@ use std::time::Duration;
 
 use windows_sys::Win32::Foundation::{FILETIME, HWND, LPARAM, LRESULT, WPARAM};
 use windows_sys::Win32::Media::timeBeginPeriod;
-use windows_sys::Win32::System::Console::{CTRL_BREAK_EVENT, CTRL_C_EVENT, SetConsoleCtrlHandler};
+use windows_sys::Win32::System::Console::{
+    AllocConsole, CTRL_BREAK_EVENT, CTRL_C_EVENT, FreeConsole, GetConsoleProcessList, GetStdHandle, STD_ERROR_HANDLE,
+    STD_INPUT_HANDLE, STD_OUTPUT_HANDLE, SetConsoleCtrlHandler, SetStdHandle,
+};
 use windows_sys::Win32::System::LibraryLoader::GetModuleHandleW;
 use windows_sys::Win32::System::Threading::{
     GetCurrentProcess, GetCurrentThread, GetThreadTimes, PROCESS_POWER_THROTTLING_CURRENT_VERSION,
@@ -151,5 +155,41 @@ pub fn refine_timers() {
         timeBeginPeriod(1);
         let length = size_of_val(&state) as u32;
         SetProcessInformation(GetCurrentProcess(), ProcessPowerThrottling, (&raw const state).cast(), length);
+    }
+}
+
+/// Opens a console for a command that prints when there is neither one nor a file to print to: our manifest tells Windows to
+/// make none, so that SteamVR's start of `run` opens no window.
+pub fn open_missing_console() {
+    let mut processes = [0; 2];
+    // SAFETY: room for as many numbers as is said; the rest takes no pointers.
+    unsafe {
+        let has_console = GetConsoleProcessList(processes.as_mut_ptr(), processes.len() as u32) != 0;
+        if !has_console && GetStdHandle(STD_OUTPUT_HANDLE).is_null() {
+            AllocConsole();
+        }
+    }
+}
+
+/// Leaves a console that was made for this process alone, as when SteamVR starts it: its window closes. What is printed from
+/// then on goes nowhere.
+pub fn leave_own_console() {
+    let mut processes = [0; 2];
+    // SAFETY: room for as many numbers as is said.
+    if unsafe { GetConsoleProcessList(processes.as_mut_ptr(), processes.len() as u32) } != 1 {
+        return;
+    }
+    let streams = [
+        (STD_INPUT_HANDLE, std::io::stdin().is_terminal()),
+        (STD_OUTPUT_HANDLE, std::io::stdout().is_terminal()),
+        (STD_ERROR_HANDLE, std::io::stderr().is_terminal()),
+    ];
+    // SAFETY: nobody holds the console's handles but the standard streams, which look them up at each use. Null stands for
+    // "none"; the numbers of the old ones may soon be those of files.
+    unsafe {
+        for (stream, _) in streams.into_iter().filter(|(_, is_console)| *is_console) {
+            SetStdHandle(stream, null_mut());
+        }
+        FreeConsole();
     }
 }
