@@ -207,12 +207,33 @@ impl Drop for CleanupGuard {
     }
 }
 
+/// Windows looks for the libraries that this one needs in its folder, as with Valve's loader.
+#[cfg(windows)]
+unsafe fn open_library(path: &std::path::Path) -> Result<libloading::Library, libloading::Error> {
+    use libloading::os::windows::{LOAD_WITH_ALTERED_SEARCH_PATH, Library};
+    // The flag is for paths with backslashes alone; the registry file may have others.
+    let path: std::path::PathBuf = path.components().collect();
+    // SAFETY: as for the caller.
+    unsafe { Library::load_with_flags(path, LOAD_WITH_ALTERED_SEARCH_PATH) }.map(libloading::Library::from)
+}
+
+#[cfg(not(windows))]
+unsafe fn open_library(path: &std::path::Path) -> Result<libloading::Library, libloading::Error> {
+    // SAFETY: as for the caller.
+    unsafe { libloading::Library::new(path) }
+}
+
+/// The error with the system's reason, which on Windows is its source.
+fn reason(error: &libloading::Error) -> String {
+    std::error::Error::source(error).map_or(error.to_string(), |source| format!("{error}: {source}"))
+}
+
 /// Loads the library and returns its core object.
 fn load(paths: &RuntimePaths) -> Result<*mut Core, OpenVrError> {
     let bad = |reason: String| OpenVrError::Library { path: paths.library.clone(), reason };
     // SAFETY: loading runs the library's initialisers. It is the runtime named by the user's own
     // registry file, the same one that every SteamVR program loads.
-    let library = unsafe { libloading::Library::new(&paths.library) }.map_err(|error| bad(error.to_string()))?;
+    let library = unsafe { open_library(&paths.library) }.map_err(|error| bad(reason(&error)))?;
     // Stays loaded: see the head of this file.
     let library: &'static libloading::Library = Box::leak(Box::new(library));
     // SAFETY: the signature used by Valve's loader.
