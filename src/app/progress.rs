@@ -14,6 +14,9 @@ pub fn bar(steps: u64, what: &str) -> ProgressBar {
 /// A spinner for work of unknown length.
 pub fn spinner(what: &str) -> ProgressBar {
     let spinner = ProgressBar::new_spinner();
+    // The default ones are Braille, which the console's fonts on Windows lack. The last one shows the end.
+    let style = ProgressStyle::default_spinner().tick_chars("|/-\\ ");
+    spinner.set_style(style);
     spinner.set_message(what.to_owned());
     spinner.enable_steady_tick(std::time::Duration::from_millis(120));
     spinner

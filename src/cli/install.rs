@@ -23,7 +23,7 @@ pub(super) struct Install {
     /// Registers the program without having it started
     #[arg(long)]
     no_autolaunch: bool,
-    /// Arguments of `run`, for example -- --port /dev/ttyUSB0
+    /// Arguments of `run`, for example -- --port /dev/ttyUSB0, or COM3
     #[arg(last = true, value_name = "ARGUMENTS")]
     arguments: Vec<String>,
 }
