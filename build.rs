@@ -1,9 +1,14 @@
-//! Rust types for SteamVR's interfaces, from Valve's C header.
+//! Rust types for SteamVR's interfaces, from Valve's C header, and what the program file has on Windows: icon, version, manifest.
 
 use std::env;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+
+/// Icon of the program's file on Windows, 256 by 256 pixels.
+const ICON: &str = "overlay_assets/icon.png";
+/// What Windows is to know before it starts the program.
+const WINDOWS_MANIFEST: &str = "release/windows.manifest";
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
@@ -30,7 +35,58 @@ const SHIMS: [(&str, &str); 2] = [
 fn main() -> Result<()> {
     println!("cargo::rerun-if-changed=build.rs");
     let out = PathBuf::from(env::var("OUT_DIR")?);
-    bind_openvr(&out)
+    bind_openvr(&out)?;
+    if env::var("CARGO_CFG_TARGET_OS")? == "windows" {
+        add_windows_resources(&out)?;
+    }
+    Ok(())
+}
+
+/// Icon, version and manifest of the program file, by binutils' `windres`. Without it, or with another linker, the file has none.
+fn add_windows_resources(out: &Path) -> Result<()> {
+    println!("cargo::rerun-if-changed={ICON}");
+    println!("cargo::rerun-if-changed={WINDOWS_MANIFEST}");
+    if env::var("CARGO_CFG_TARGET_ENV")? != "gnu" {
+        return Ok(());
+    }
+    std::fs::write(out.join("program.ico"), icon_file(&std::fs::read(ICON)?))?;
+    std::fs::copy(WINDOWS_MANIFEST, out.join("program.manifest"))?;
+    std::fs::write(out.join("program.rc"), resource_script()?)?;
+    let prefix =
+        if cfg!(windows) { String::new() } else { format!("{}-w64-mingw32-", env::var("CARGO_CFG_TARGET_ARCH")?) };
+    let object = out.join("program.res.o");
+    let done = Command::new(format!("{prefix}windres")).current_dir(out).arg("program.rc").arg(&object).status();
+    match done {
+        Ok(status) if status.success() => println!("cargo::rustc-link-arg-bins={}", object.display()),
+        other => println!("cargo::warning=no icon, version and manifest in the program: {prefix}windres: {other:?}"),
+    }
+    Ok(())
+}
+
+/// An .ico with one picture of 256 pixels, which may be a PNG. Source: Microsoft, "Icons", of Windows Vista and later.
+fn icon_file(png: &[u8]) -> Vec<u8> {
+    let mut file = vec![0, 0, 1, 0, 1, 0];
+    // A side of 256 is written as 0; one plane, 32 bits a pixel.
+    file.extend([0, 0, 0, 0, 1, 0, 32, 0]);
+    file.extend((png.len() as u32).to_le_bytes());
+    file.extend(22u32.to_le_bytes());
+    file.extend(png);
+    file
+}
+
+fn resource_script() -> Result<String> {
+    let version = env::var("CARGO_PKG_VERSION")?;
+    let numbers = ["MAJOR", "MINOR", "PATCH"].map(|part| env::var(format!("CARGO_PKG_VERSION_{part}")));
+    let numbers = numbers.into_iter().collect::<std::result::Result<Vec<_>, _>>()?.join(",");
+    // 1 24: the manifest of a program. 0x40004, 1: a program for Windows. 0x409, 1200: US English in UTF-16.
+    Ok(format!(
+        "1 ICON \"program.ico\"\n1 24 \"program.manifest\"\n1 VERSIONINFO\nFILEVERSION {numbers},0\nPRODUCTVERSION {numbers},0\n\
+         FILEOS 0x40004\nFILETYPE 1\nBEGIN\nBLOCK \"StringFileInfo\"\nBEGIN\nBLOCK \"040904B0\"\nBEGIN\n\
+         VALUE \"FileDescription\", \"Radar chaperone\"\nVALUE \"FileVersion\", \"{version}\"\n\
+         VALUE \"LegalCopyright\", \"MIT OR Apache-2.0\"\nVALUE \"OriginalFilename\", \"radar-chaperone.exe\"\n\
+         VALUE \"ProductName\", \"Radar chaperone\"\nVALUE \"ProductVersion\", \"{version}\"\nEND\nEND\n\
+         BLOCK \"VarFileInfo\"\nBEGIN\nVALUE \"Translation\", 0x409, 1200\nEND\nEND\n"
+    ))
 }
 
 /// Writes `openvr.rs`.
