@@ -123,10 +123,9 @@ impl Doctor {
 fn check_ports(findings: &Findings, is_named: bool) -> Result<()> {
     let ports = list_ports();
     let found = discover(&ports);
-    for board in boards_without_port() {
-        findings.warn("Ports", &board.to_string())?;
-    }
-    if !is_named && ports.iter().all(|port| port.usb.is_none()) {
+    let without_port = boards_without_port();
+    without_port.iter().try_for_each(|board| findings.warn("Ports", &board.to_string()))?;
+    if !is_named && without_port.is_empty() && ports.iter().all(|port| port.usb.is_none()) {
         findings.warn(
             "Ports",
             "there is no serial port on USB: is the board plugged in, with a cable that carries data?",
