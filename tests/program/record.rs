@@ -183,7 +183,16 @@ fn signals_end_the_recording_without_damage() {
     let folder = Folder::new("record_signal");
     for signal in ["-INT", "-TERM", "-HUP"] {
         let out = format!("r{signal}.mcap");
-        let mut child = recording(&folder, &mut Command::new(crate::PROGRAM), &out);
+        let mut program = Command::new(crate::PROGRAM);
+        // These tests may themselves be run by nohup.
+        // SAFETY: the call is allowed between fork and exec, and touches no memory.
+        unsafe {
+            std::os::unix::process::CommandExt::pre_exec(&mut program, || {
+                libc::signal(libc::SIGHUP, libc::SIG_DFL);
+                Ok(())
+            });
+        }
+        let mut child = recording(&folder, &mut program, &out);
         wait_for_bytes(&folder, &out, 100_000);
         send(signal, &child);
         assert_eq!(child.wait().unwrap().code(), Some(0));
