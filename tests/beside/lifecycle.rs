@@ -151,14 +151,15 @@ fn streaming(rig: &Rig) -> Program {
     program
 }
 
-/// Only the processes of the rig run, and only the lock is left in the home folder.
+/// Only the processes of the rig run, and only the lock and the log are left in the home folder.
 fn nothing_is_left(rig: &Rig) {
     let state = rig.path("home/.local/state/radar-chaperone");
-    let left: Vec<String> = std::fs::read_dir(&state)
+    let mut left: Vec<String> = std::fs::read_dir(&state)
         .unwrap()
         .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
         .collect();
-    assert_eq!(left, ["run.lock"]);
+    left.sort();
+    assert_eq!(left, ["run.lock", "run.log"]);
     let home = rig.path("home");
     let running = std::fs::read_dir("/proc").unwrap().filter_map(Result::ok).filter(|process| {
         let command = std::fs::read(process.path().join("cmdline")).unwrap_or_default();
