@@ -39,11 +39,6 @@ impl Notice {
         }
     }
 
-    /// Whether it reports no fault.
-    pub fn is_good(self) -> bool {
-        self.state() == State::Good
-    }
-
     /// The first line. Also used in the log.
     pub fn headline(self) -> &'static str {
         self.texts()[0]

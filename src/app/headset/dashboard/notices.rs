@@ -63,7 +63,8 @@ impl Notices {
         self.wanted = trouble.or(welcome).filter(|_| may_notify);
         let Some(overlay) = &mut self.overlay else { return Ok(()) };
         if let Some(notice) = self.wanted.filter(|_| self.wanted != self.logged) {
-            let level = if notice.is_good() { log::Level::Info } else { log::Level::Warn };
+            // A recovery is logged as what it recovers from is.
+            let level = if notice == Notice::Welcome { log::Level::Info } else { log::Level::Warn };
             log::log!(level, "notice in the headset: {}", notice.headline());
             self.logged = self.wanted;
         }
