@@ -8,7 +8,7 @@ use windows_sys::Win32::Devices::DeviceAndDriverInstallation::{
 };
 use windows_sys::Win32::Devices::Properties::{DEVPKEY_Device_BusReportedDeviceDesc, DEVPROP_TYPE_STRING};
 use windows_sys::Win32::Foundation::{ERROR_SUCCESS, INVALID_HANDLE_VALUE};
-use windows_sys::Win32::System::Registry::{HKEY, KEY_READ, RRF_RT_REG_SZ, RegCloseKey, RegGetValueW};
+use windows_sys::Win32::System::Registry::{KEY_READ, RRF_RT_REG_SZ, RegCloseKey, RegGetValueW};
 use windows_sys::core::w;
 
 use crate::find::{PortDescription, UsbDescription};
@@ -103,7 +103,7 @@ fn reported_name(devices: HDEVINFO, device: &SP_DEVINFO_DATA) -> Option<String> 
 fn port_name(devices: HDEVINFO, device: &SP_DEVINFO_DATA) -> Option<String> {
     // SAFETY: the device is of this list.
     let key = unsafe { SetupDiOpenDevRegKey(devices, device, DICS_FLAG_GLOBAL, 0, DIREG_DEV, KEY_READ) };
-    if key == INVALID_HANDLE_VALUE as HKEY {
+    if std::ptr::eq(key, INVALID_HANDLE_VALUE) {
         return None;
     }
     let mut name = [0u16; MAX_TEXT];
