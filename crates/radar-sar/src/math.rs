@@ -3,11 +3,29 @@
 //! Rust's own `exp`, `ln`, `sin` and the like call the C library, whose last bits differ between
 //! systems (glibc against Windows: 2e-10 in a scene). These functions call the crate `libm`, a port
 //! of musl's, compiled into the program. Square roots, rounding and fused multiply-adds are exact
-//! by IEEE 754 and need no replacement. `clippy.toml` forbids the others.
+//! by IEEE 754 and need no replacement, but for the fused multiply-adds of mingw-w64. `clippy.toml`
+//! forbids the others.
 
 use std::ops::Mul;
 
 use num_complex::Complex;
+
+/// Where the processor has no instruction for them, `f32::mul_add` and `f64::mul_add` call these functions of the C library, and
+/// mingw-w64's round twice, so kernels differed between instruction sets. These are linked in their place.
+#[cfg(all(windows, target_env = "gnu"))]
+mod fused {
+    // SAFETY: name and signature are those of C's function, which has no other effect than its result.
+    #[unsafe(no_mangle)]
+    extern "C" fn fma(x: f64, y: f64, z: f64) -> f64 {
+        libm::fma(x, y, z)
+    }
+
+    // SAFETY: as above.
+    #[unsafe(no_mangle)]
+    extern "C" fn fmaf(x: f32, y: f32, z: f32) -> f32 {
+        libm::fmaf(x, y, z)
+    }
+}
 
 macro_rules! functions {
     ($($(#[$doc:meta])* $name:ident($($x:ident),+) -> $($out:tt)|+, $double:path, $single:path;)*) => {
