@@ -17,8 +17,8 @@ const PIXELS_PER_M: f64 = 512.0;
 /// Longest side of a texture. Larger panels get fewer pixels per metre. Choice: 2 m at full
 /// resolution; 4 MB a texture.
 const MAX_SIDE_PX: f64 = 1024.0;
-/// Shortest side of a texture. Choice: half a metre; smaller sizes save little.
-const MIN_SIDE_PX: f64 = 256.0;
+/// Shortest side of a texture. Choice: 12 cm; smaller sizes save nothing.
+const MIN_SIDE_PX: f64 = 64.0;
 
 /// Height of the distance label with its margin, metres. Choice: readable at 1.5 m.
 const LABEL_HEIGHT_M: f64 = 0.13;
@@ -250,13 +250,15 @@ fn pipeline(gpu: &Gpu, shader: wgpu::ShaderModuleDescriptor) -> wgpu::RenderPipe
 }
 
 /// Texture size in pixels for a size in metres, at least at the resolution of panels unless that exceeds the longest side. Sides
-/// are powers of two: a runtime recreates its copy whenever the size of an overlay's texture changes, so most panels have the
-/// same few sizes. A texture is stretched to its panel.
+/// are multiples of an eighth of the next power of two: a runtime recreates its copy whenever the size of an overlay's texture
+/// changes, so similar panels have the same size. Coarser steps overload a software renderer. A texture is stretched to its panel.
 pub(super) fn texture_size(size_m: DVec2) -> [u32; 2] {
     let scale = PIXELS_PER_M.min(MAX_SIDE_PX / size_m.max_element().max(1e-3));
-    (size_m * scale)
-        .to_array()
-        .map(|side_px| ((side_px - 0.5).clamp(MIN_SIDE_PX, MAX_SIDE_PX).ceil() as u32).next_power_of_two())
+    (size_m * scale).to_array().map(|side_px| {
+        let least_px = (side_px - 0.5).clamp(MIN_SIDE_PX, MAX_SIDE_PX).ceil() as u32;
+        let step_px = least_px.next_power_of_two() / 8;
+        least_px.div_ceil(step_px) * step_px
+    })
 }
 
 /// Grid spacing, metres, limited to a range that can be drawn.
