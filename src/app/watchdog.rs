@@ -77,15 +77,6 @@ impl Heartbeat {
     }
 }
 
-/// Ends the process at once: at an orderly exit the runtime's library would wait for its own
-/// threads.
-pub fn exit_now(code: i32) -> ! {
-    #[cfg(unix)]
-    signal_hook::low_level::exit(code);
-    #[cfg(not(unix))]
-    std::process::exit(code)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

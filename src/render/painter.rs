@@ -251,7 +251,7 @@ fn pipeline(gpu: &Gpu, shader: wgpu::ShaderModuleDescriptor) -> wgpu::RenderPipe
 
 /// Texture size in pixels for a size in metres, at least at the resolution of panels unless that exceeds the longest side. Sides
 /// are multiples of an eighth of the next power of two: a runtime recreates its copy whenever the size of an overlay's texture
-/// changes, so similar panels have the same size. Coarser steps overload a software renderer. A texture is stretched to its panel.
+/// changes, so similar panels have the same size. Steps of a power of two would have up to four times the pixels. A texture is stretched to its panel.
 pub(super) fn texture_size(size_m: DVec2) -> [u32; 2] {
     let scale = PIXELS_PER_M.min(MAX_SIDE_PX / size_m.max_element().max(1e-3));
     (size_m * scale).to_array().map(|side_px| {

@@ -122,3 +122,26 @@ fn play_area_changes_are_followed() {
     let own: Value = serde_json::from_slice(&fs::read(rig.path("run.json")).unwrap()).unwrap();
     assert_eq!(own["forgotten"], 0, "the room has not moved: {own}");
 }
+
+#[test]
+fn settings_of_a_game_apply_while_it_is_shown() {
+    let mut rig = Rig::new("games");
+    rig.start_sensor("furnished-room", "approach-chair", 1, 300);
+    rig.start_steamvr(&json!({}), true);
+    let warning = "full_distance_m = 2.5\nfade_distance_m = 3.5\n";
+    let text =
+        format!("[warning]\ncolor = [0, 255, 0]\n{warning}[games.\"steam.app.1\".warning]\ncolor = [255, 0, 0]\n");
+    fs::write(rig.path("own.toml"), text).unwrap();
+    let program = rig.start_run(&["--settings", "own.toml"]);
+    // What is sent before the program has connected is lost.
+    rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
+    let number = &mut 0;
+    wait_for_hue(&rig, number, 'g');
+    rig.send_command(&json!({"do": "game", "key": "steam.app.1"}));
+    wait_for_hue(&rig, number, 'r');
+    rig.send_command(&json!({"do": "game", "key": "steam.app.2"}));
+    wait_for_hue(&rig, number, 'g');
+    let ended = program.interrupt();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert_eq!(rig.report()["violations"], json!({}));
+}

@@ -28,6 +28,11 @@ fn is_ignored(signal: i32) -> bool {
     }
 }
 
+/// Ends the process at once: at an orderly exit a hanging library would wait for its own threads.
+pub fn exit_now(code: i32) -> ! {
+    signal_hook::low_level::exit(code)
+}
+
 /// Processor time of the calling thread, nanoseconds.
 pub fn thread_cpu_ns() -> i64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);

@@ -17,7 +17,7 @@ use windows_sys::Win32::System::Threading::{
     GetCurrentProcess, GetCurrentThread, GetThreadTimes, PROCESS_POWER_THROTTLING_CURRENT_VERSION,
     PROCESS_POWER_THROTTLING_EXECUTION_SPEED, PROCESS_POWER_THROTTLING_IGNORE_TIMER_RESOLUTION,
     PROCESS_POWER_THROTTLING_STATE, ProcessPowerThrottling, SetProcessInformation, SetThreadPriority,
-    THREAD_PRIORITY_ABOVE_NORMAL, THREAD_PRIORITY_BELOW_NORMAL, THREAD_PRIORITY_LOWEST,
+    THREAD_PRIORITY_ABOVE_NORMAL, THREAD_PRIORITY_BELOW_NORMAL, THREAD_PRIORITY_LOWEST, TerminateProcess,
 };
 use windows_sys::Win32::UI::WindowsAndMessaging::{
     CreateWindowExW, DefWindowProcW, DispatchMessageW, GetMessageW, MSG, RegisterClassW, WM_CLOSE, WM_ENDSESSION,
@@ -107,6 +107,13 @@ unsafe extern "system" fn on_message(window: HWND, message: u32, wide: WPARAM, l
         // SAFETY: the arguments are those that the system gave.
         _ => unsafe { DefWindowProcW(window, message, wide, long) },
     }
+}
+
+/// Ends the process at once: at an orderly exit a hanging library would wait for its own threads.
+pub fn exit_now(code: i32) -> ! {
+    // SAFETY: the pseudo-handle of this process, which is always valid.
+    unsafe { TerminateProcess(GetCurrentProcess(), code as u32) };
+    std::process::exit(code)
 }
 
 /// Processor time of the calling thread, nanoseconds. The system counts it at its clock's interrupts, so short pieces of work
