@@ -1,6 +1,6 @@
 //! What to do until the radar sees the room: shown where the room will be.
 
-use egui::{Align2, Painter, Rect, Stroke, pos2};
+use egui::{Align2, Painter, Rect, Stroke, pos2, vec2};
 
 use super::health::{Health, MountHealth, SensorHealth};
 use super::{ACCENT, CARD, FAINT, GOOD, ROUND, TEXT, font};
@@ -67,12 +67,15 @@ pub(super) fn draw(painter: &Painter, area: Rect, health: &Health) {
             (false, true) => ACCENT,
             (false, false) => FAINT,
         };
-        match step.is_done {
-            true => painter.circle_filled(middle, 22.0, color),
-            false => painter.circle_stroke(middle, 21.0, Stroke::new(3.0, color)),
-        };
-        let mark = if step.is_done { ("✔".to_owned(), CARD) } else { ((number + 1).to_string(), color) };
-        painter.text(middle, Align2::CENTER_CENTER, mark.0, font(26.0), mark.1);
+        if step.is_done {
+            painter.circle_filled(middle, 22.0, color);
+            // The font has no check mark.
+            let check = [vec2(-10.0, 0.0), vec2(-3.0, 8.0), vec2(11.0, -8.0)].map(|to| middle + to);
+            painter.line(check.to_vec(), Stroke::new(4.0, CARD));
+        } else {
+            painter.circle_stroke(middle, 21.0, Stroke::new(3.0, color));
+            painter.text(middle, Align2::CENTER_CENTER, number + 1, font(26.0), color);
+        }
         painter.text(pos2(left + INDENT_PX, top + 16.0), Align2::LEFT_CENTER, step.title, font(27.0), TEXT);
         let text = painter.layout(step.text.clone(), font(21.0), FAINT, area.max.x - left - INDENT_PX - 28.0);
         painter.galley(pos2(left + INDENT_PX, top + 34.0), text, FAINT);
@@ -114,9 +117,8 @@ mod tests {
         let streams = SensorHealth::Streaming { sweeps_per_s: 1000.0, lost_percent: 0.0 };
         let health = Health { sensor: streams, is_tracked: true, ..health };
         let texts = texts(&health);
-        assert!(
-            texts.iter().all(|(text, _)| *text != why) && texts.iter().filter(|(text, _)| text == "✔").count() == 2
-        );
+        let shows = |wanted: &str| texts.iter().any(|(text, _)| text == wanted);
+        assert!(!shows(&why) && !shows("1") && !shows("2") && shows("3"), "{texts:?}");
     }
 
     #[test]
