@@ -1,13 +1,17 @@
 //! Errors of rendering.
 
+/// What replaces a graphics card where that is one command.
+const SOFTWARE_RENDERER: &str = if cfg!(target_os = "linux") {
+    ", or a software renderer (Debian and Ubuntu: `apt install mesa-vulkan-drivers libvulkan1`)"
+} else {
+    ""
+};
+
 /// Errors of rendering. Callers continue without images.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RenderError {
     /// Neither a graphics card nor a software renderer offers Vulkan.
-    #[error(
-        "no graphics adapter offers Vulkan: install a GPU driver, or the software renderer with \
-         `apt install mesa-vulkan-drivers libvulkan1`"
-    )]
+    #[error("no graphics adapter offers Vulkan: install a GPU driver{SOFTWARE_RENDERER}")]
     NoAdapter,
     /// The adapter is there but cannot be used.
     #[error("graphics adapter {adapter} provides no device: {cause}")]

@@ -17,6 +17,9 @@ const PIXELS_PER_M: f64 = 512.0;
 /// Longest side of a texture. Larger panels get fewer pixels per metre. Choice: 2 m at full
 /// resolution; 4 MB a texture.
 const MAX_SIDE_PX: f64 = 1024.0;
+/// A texture's size is kept while it has at most this many times the pixels that are needed. Choice: painting costs by the pixel, and
+/// a panel whose side halves is another panel.
+const MAX_SPARE: u64 = 2;
 /// Shortest side of a texture. Choice: 12 cm; smaller sizes save nothing.
 const MIN_SIDE_PX: f64 = 64.0;
 
@@ -84,7 +87,13 @@ impl Painter {
     }
 
     /// The texture of a panel.
-    pub fn panel(&self, gpu: &Gpu, content: &PanelContent, style: &WarningSettings) -> wgpu::Texture {
+    pub fn panel(
+        &self,
+        gpu: &Gpu,
+        content: &PanelContent,
+        style: &WarningSettings,
+        size_px: [u32; 2],
+    ) -> wgpu::Texture {
         let mut list: Vec<[f32; 4]> =
             content.silhouette.iter().map(|(c, r)| [c.x as f32, c.y as f32, *r as f32, 0.0]).collect();
         let is_wall = content.kind == PanelKind::Wall;
@@ -109,12 +118,19 @@ impl Painter {
             label_rows: label.rows,
             unused: [0; 3],
         };
-        self.paint(gpu, &self.panel, content.size_m, bytemuck::bytes_of(&uniform), list)
+        self.paint(gpu, &self.panel, size_px, bytemuck::bytes_of(&uniform), list)
     }
 
     /// The texture of a footprint. `corners_m`: corners relative to its centre, counter-clockwise
     /// with y up, metres.
-    pub fn footprint(&self, gpu: &Gpu, size_m: DVec2, corners_m: &[DVec2], style: &WarningSettings) -> wgpu::Texture {
+    pub fn footprint(
+        &self,
+        gpu: &Gpu,
+        size_m: DVec2,
+        corners_m: &[DVec2],
+        style: &WarningSettings,
+        size_px: [u32; 2],
+    ) -> wgpu::Texture {
         let corners: Vec<[f32; 4]> = corners_m.iter().map(|c| [c.x as f32, c.y as f32, 0.0, 0.0]).collect();
         let uniform = FootprintUniform {
             size: size_m.as_vec2().to_array(),
@@ -122,14 +138,14 @@ impl Painter {
             unused: 0.0,
             color: linear(style.color),
         };
-        self.paint(gpu, &self.footprint, size_m, bytemuck::bytes_of(&uniform), corners)
+        self.paint(gpu, &self.footprint, size_px, bytemuck::bytes_of(&uniform), corners)
     }
 
     fn paint(
         &self,
         gpu: &Gpu,
         pipeline: &wgpu::RenderPipeline,
-        size_m: DVec2,
+        size_px: [u32; 2],
         uniform: &[u8],
         mut list: Vec<[f32; 4]>,
     ) -> wgpu::Texture {
@@ -147,7 +163,6 @@ impl Painter {
                 wgpu::BindGroupEntry { binding: 1, resource: list.as_entire_binding() },
             ],
         });
-        let size_px = texture_size(size_m);
         let texture = gpu.texture(size_px, FORMAT, 1, size_px[0].max(size_px[1]).ilog2() + 1);
         let finest = level_view(&texture, 0);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -249,16 +264,20 @@ fn pipeline(gpu: &Gpu, shader: wgpu::ShaderModuleDescriptor) -> wgpu::RenderPipe
     })
 }
 
-/// Texture size in pixels for a size in metres, at least at the resolution of panels unless that exceeds the longest side. Sides
-/// are multiples of an eighth of the next power of two: a runtime recreates its copy whenever the size of an overlay's texture
-/// changes, so similar panels have the same size. Steps of a power of two would have up to four times the pixels. A texture is stretched to its panel.
-pub(super) fn texture_size(size_m: DVec2) -> [u32; 2] {
+/// Texture size in pixels for a size in metres, at least at the resolution of panels unless that exceeds the longest side. A texture
+/// is stretched to its panel.
+///
+/// A runtime creates its copy anew whenever the size of an overlay's texture changes, and a panel's size changes with every estimate.
+/// So sides are multiples of an eighth of the next power of two, and the size of the last texture, `last_px`, is kept as long as it
+/// has enough pixels and at most [`MAX_SPARE`] times as many as needed. It shrinks in neither side while the other one grows.
+pub(super) fn texture_size(size_m: DVec2, last_px: Option<[u32; 2]>) -> [u32; 2] {
     let scale = PIXELS_PER_M.min(MAX_SIDE_PX / size_m.max_element().max(1e-3));
-    (size_m * scale).to_array().map(|side_px| {
-        let least_px = (side_px - 0.5).clamp(MIN_SIDE_PX, MAX_SIDE_PX).ceil() as u32;
-        let step_px = least_px.next_power_of_two() / 8;
-        least_px.div_ceil(step_px) * step_px
-    })
+    let least_px = (size_m * scale).to_array().map(|px| (px - 0.5).clamp(MIN_SIDE_PX, MAX_SIDE_PX).ceil() as u32);
+    let stepped_px = least_px.map(|px| px.next_multiple_of(px.next_power_of_two() / 8));
+    let grown_px =
+        last_px.map(|last| [0, 1].map(|axis| if last[axis] < least_px[axis] { stepped_px[axis] } else { last[axis] }));
+    let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
+    grown_px.filter(|grown| pixels(*grown) <= MAX_SPARE * pixels(least_px)).unwrap_or(stepped_px)
 }
 
 /// Grid spacing, metres, limited to a range that can be drawn.
@@ -274,4 +293,35 @@ pub(super) fn linear(srgb: [u8; 3]) -> [f32; 4] {
         if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
     });
     [red, green, blue, 1.0]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_kept_while_they_suffice() {
+        // The width and height of an obstacle that is seen ever better, with noise of 3 cm.
+        let mut last = None;
+        let mut changes = 0;
+        for step in 0..200 {
+            let noise = DVec2::new((f64::from(step) * 2.3).sin(), (f64::from(step) * 1.7).cos()) * 0.03;
+            let size_m = DVec2::new(0.5, 0.9) * (1.0 + 0.3 * f64::from(step) / 200.0) + noise;
+            let size_px = texture_size(size_m, last);
+            let least_px = (size_m * PIXELS_PER_M).to_array().map(|px| px - 0.5);
+            assert!(f64::from(size_px[0]) >= least_px[0] && f64::from(size_px[1]) >= least_px[1]);
+            changes += u32::from(last.replace(size_px) != Some(size_px));
+        }
+        assert!(changes <= 8, "{changes} sizes");
+    }
+
+    #[test]
+    fn a_texture_has_at_most_twice_the_pixels_that_are_needed() {
+        let large = texture_size(DVec2::new(1.8, 1.2), None);
+        let small_m = DVec2::new(0.5, 0.5);
+        assert_eq!(texture_size(small_m, Some(large)), texture_size(small_m, None));
+        assert_eq!(texture_size(DVec2::new(1.5, 1.0), Some(large)), large);
+        assert_eq!(texture_size(DVec2::ZERO, None), [MIN_SIDE_PX as u32; 2]);
+        assert!(texture_size(DVec2::splat(100.0), Some(large)).iter().all(|side| f64::from(*side) <= MAX_SIDE_PX));
+    }
 }

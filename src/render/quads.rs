@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{DQuat, DVec2, DVec3};
 
 use super::gpu::Gpu;
-use super::painter::{Painter, PanelContent, style_number, transition_to_copy_source};
+use super::painter::{Painter, PanelContent, style_number, texture_size, transition_to_copy_source};
 use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
 use radar_sar::geometry::Pose;
 
@@ -87,10 +87,24 @@ struct CachedTexture {
     is_copy_source: bool,
 }
 
+/// Size of the texture that a quad had last.
+struct LastSize {
+    px: [u32; 2],
+    last_used: u64,
+}
+
+impl LastSize {
+    fn of(texture: &wgpu::Texture, last_used: u64) -> Self {
+        Self { px: [texture.width(), texture.height()], last_used }
+    }
+}
+
 /// Textures by content.
 #[derive(Default)]
 pub(super) struct QuadCache {
     textures: HashMap<ContentKey, CachedTexture>,
+    /// Sizes that the incremental mode keeps.
+    sizes: HashMap<(QuadKind, u64), LastSize>,
     calls: u64,
     /// Number of textures drawn so far.
     pub drawn: u64,
@@ -105,7 +119,7 @@ impl QuadCache {
     pub fn quads(&mut self, gpu: &Gpu, painter: &Painter, warnings: &Warnings, style: &WarningSettings) -> Vec<Quad> {
         self.calls += 1;
         let quads = quad_requests(warnings, style).map(|wanted| {
-            let texture = self.texture(gpu, painter, &wanted, style);
+            let texture = self.texture(gpu, painter, &wanted, style, None);
             wanted.quad(texture)
         });
         let quads = quads.collect();
@@ -129,9 +143,12 @@ impl QuadCache {
             let kept = self.textures.get_mut(&wanted.content).filter(|kept| kept.is_drawn.load(Ordering::Acquire));
             if let Some(kept) = kept {
                 kept.last_used = self.calls;
+                self.sizes.insert(wanted.key(), LastSize::of(&kept.texture, self.calls));
                 self.last_shown.insert(wanted.key(), wanted.quad(Arc::clone(&kept.texture)));
             } else if self.pending.is_none() {
-                let texture = self.texture(gpu, painter, &wanted, style);
+                let last_px = self.sizes.get(&wanted.key()).map(|size| size.px);
+                let texture = self.texture(gpu, painter, &wanted, style, last_px);
+                self.sizes.insert(wanted.key(), LastSize::of(&texture, self.calls));
                 self.pending = Some((wanted.content.clone(), wanted.quad(texture)));
             }
             quads.extend(
@@ -201,6 +218,7 @@ impl QuadCache {
     fn drop_unused(&mut self) {
         let uses = self.calls;
         self.textures.retain(|_, kept| kept.last_used + MAX_UNUSED_CALLS >= uses);
+        self.sizes.retain(|_, size| size.last_used + MAX_UNUSED_CALLS >= uses);
         let mut excess = self.bytes().saturating_sub(MAX_CACHE_BYTES);
         if excess == 0 {
             return;
@@ -226,11 +244,14 @@ impl QuadCache {
         painter: &Painter,
         wanted: &QuadRequest,
         style: &WarningSettings,
+        last_px: Option<[u32; 2]>,
     ) -> Arc<wgpu::Texture> {
         let (uses, drawn) = (self.calls, &mut self.drawn);
         let kept = self.textures.entry(wanted.content.clone()).or_insert_with(|| {
             *drawn += 1;
-            let (texture, is_drawn) = (Arc::new(wanted.paint(gpu, painter, style)), Arc::new(AtomicBool::new(false)));
+            let size_px = texture_size(wanted.size_m, last_px);
+            let (texture, is_drawn) =
+                (Arc::new(wanted.paint(gpu, painter, style, size_px)), Arc::new(AtomicBool::new(false)));
             let signal = Arc::clone(&is_drawn);
             gpu.queue.on_submitted_work_done(move || signal.store(true, Ordering::Release));
             CachedTexture { texture, is_drawn, last_used: uses, has_mip_levels: false, is_copy_source: true }
@@ -267,10 +288,10 @@ impl QuadRequest<'_> {
         Quad { kind, id, on_floor: kind == QuadKind::Footprint, tracking_from_quad, size_m, alpha, texture }
     }
 
-    fn paint(&self, gpu: &Gpu, painter: &Painter, style: &WarningSettings) -> wgpu::Texture {
+    fn paint(&self, gpu: &Gpu, painter: &Painter, style: &WarningSettings, size_px: [u32; 2]) -> wgpu::Texture {
         match &self.picture {
-            QuadContent::Panel(panel) => painter.panel(gpu, &panel_content(panel), style),
-            QuadContent::Footprint(corners) => painter.footprint(gpu, self.size_m, corners, style),
+            QuadContent::Panel(panel) => painter.panel(gpu, &panel_content(panel), style, size_px),
+            QuadContent::Footprint(corners) => painter.footprint(gpu, self.size_m, corners, style, size_px),
         }
     }
 }

@@ -114,7 +114,7 @@ impl Window {
 
     /// Width and height of each half of its texture at the resolution of panels.
     pub fn half_px(&self) -> [u32; 2] {
-        texture_size(self.size_m)
+        texture_size(self.size_m, None)
     }
 
     /// View whose image is exactly the window; `None` for an eye behind the window or in its plane.
