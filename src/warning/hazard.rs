@@ -1,6 +1,8 @@
 //! What can be warned of: an obstacle or a wall, with its distance to the body and its visual.
 
-use super::body_model::BodyModel;
+use glam::DVec3;
+
+use super::body_model::{BodyModel, Limb};
 use super::footprint::footprint;
 use super::object::{Aspect, object_panel};
 use super::obstacle_body::ObstacleBody;
@@ -55,12 +57,12 @@ impl Hazard<'_> {
         }
     }
 
-    /// Distances to each body part; empty where a wearer who stays in the play area cannot reach.
+    /// Distances to each body part; empty where the wearer cannot reach.
     pub fn proximities(&self, body_model: &BodyModel, settings: &WarningSettings) -> Vec<Proximity> {
         let reach_m = MAX_CONTACT_DISTANCE_M.max(settings.fade_distance_m + REACH_MARGIN_M);
         match self {
             Self::Object(body) if body.approach_m_per_s.is_some() && !settings.moving => Vec::new(),
-            Self::Object(body) if !body.points.iter().any(|point| settings.is_in_reach(*point)) => Vec::new(),
+            Self::Object(body) if !can_reach(body_model, body.points.iter().copied(), settings) => Vec::new(),
             Self::Object(body) => proximities(body, body_model, reach_m),
             Self::Wall(wall) => wall_proximities(wall, body_model, reach_m),
         }
@@ -85,11 +87,18 @@ impl Hazard<'_> {
             }
             Self::Wall(wall) => {
                 let panel = wall_panel(wall, body_model.head_m, near, alpha, settings)?;
-                let is_in_reach = settings.is_in_reach(panel.tracking_from_panel.translation);
-                is_in_reach.then_some(WarningVisual { panel, footprint: None, shape: None })
+                let can_reach = can_reach(body_model, [panel.tracking_from_panel.translation], settings);
+                can_reach.then_some(WarningVisual { panel, footprint: None, shape: None })
             }
         }
     }
+}
+
+/// Whether the wearer can come near one of these points: in the play area near those around it, past its boundary near any.
+fn can_reach(body_model: &BodyModel, points: impl IntoIterator<Item = DVec3>, settings: &WarningSettings) -> bool {
+    let has_left = |limb: &Limb| limb.ends.iter().any(|end| !settings.is_in_play_area(*end, 0.0));
+    points.into_iter().any(|point| settings.is_in_play_area(point, settings.play_area_margin_m))
+        || body_model.limbs.iter().any(has_left)
 }
 
 impl WarningVisual {

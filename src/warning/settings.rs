@@ -122,7 +122,7 @@ pub struct WarningSettings {
     /// out: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play_area_m: Option<[f64; 2]>,
-    /// Obstacles wholly farther than this outside the play area are ignored, metres.
+    /// Obstacles wholly farther than this outside the play area are ignored while the wearer is inside, metres.
     pub play_area_margin_m: f64,
 }
 
@@ -191,10 +191,9 @@ impl WarningSettings {
         Ok(())
     }
 
-    /// Whether a wearer who stays in the play area can come near a position.
-    pub(super) fn is_in_reach(&self, point: DVec3) -> bool {
+    /// Whether a position lies in the play area or at most `margin_m` outside it.
+    pub(super) fn is_in_play_area(&self, point: DVec3, margin_m: f64) -> bool {
         self.play_area_m.is_none_or(|[width_m, depth_m]| {
-            let margin_m = self.play_area_margin_m;
             point.x.abs() <= width_m / 2.0 + margin_m && point.z.abs() <= depth_m / 2.0 + margin_m
         })
     }

@@ -170,6 +170,33 @@ mod tests {
     }
 
     #[test]
+    fn past_the_boundary_of_the_play_area_everything_near_is_warned_of() {
+        let settings = WarningSettings { play_area_m: Some([2.0, 1.0]), play_area_margin_m: 0.2, ..Default::default() };
+        let scene =
+            Scene { obstacles: vec![chair(1, 0.0, -1.3)], walls: vec![wall(DVec3::NEG_Z, 1.5)], ..Scene::default() };
+        let shown = |z: f64| {
+            let at = Pose::new(DVec3::new(0.0, 1.6, z), DQuat::IDENTITY);
+            let kinds = warn(&scene, &at, &settings).panels.iter().map(|panel| panel.kind).collect::<Vec<_>>();
+            (kinds.contains(&PanelKind::Object), kinds.contains(&PanelKind::Wall))
+        };
+        assert_eq!(shown(-0.45), (false, false));
+        assert_eq!(shown(-0.75), (true, true));
+        // Beyond the wall's plane as well, which the wearer may have passed by a door or by a wrong wall.
+        assert!(shown(-1.6).1);
+    }
+
+    #[test]
+    fn low_obstacles_leave_the_view_above_them_free() {
+        let panel_height_m = |height_m: f64| {
+            let mut sofa = chair(1, 0.0, -0.8);
+            sofa.shape.retain(|(point, _)| point.y < height_m);
+            warnings_of(vec![sofa], vec![]).panels[0].size_m.y
+        };
+        assert!((0.5..=0.6).contains(&panel_height_m(0.4)), "{}", panel_height_m(0.4));
+        assert!((0.8..=1.2).contains(&panel_height_m(1.0)), "{}", panel_height_m(1.0));
+    }
+
+    #[test]
     fn panels_transform_with_the_scene() {
         let scene = Scene {
             time_ns: 0,
