@@ -2,7 +2,9 @@
 
 use anyhow::Result;
 
-/// Prints each finding and counts those to be fixed.
+use crate::app::without_personal_names;
+
+/// Prints each finding, without the user's name, because reports are shown to others, and counts those to be fixed.
 #[derive(Default)]
 pub(super) struct Findings {
     pub to_fix: u32,
@@ -16,15 +18,15 @@ impl Findings {
     }
 
     pub fn ok(&self, what: &str, text: &str) -> Result<()> {
-        outln!("ok       {what:<12} {text}")
+        outln!("ok       {what:<12} {}", without_personal_names(text))
     }
 
     pub fn warn(&self, what: &str, text: &str) -> Result<()> {
-        outln!("warning  {what:<12} {text}")
+        outln!("warning  {what:<12} {}", without_personal_names(text))
     }
 
     pub fn fix(&mut self, what: &str, text: &str) -> Result<()> {
         self.to_fix += 1;
-        outln!("fix      {what:<12} {text}")
+        outln!("fix      {what:<12} {}", without_personal_names(text))
     }
 }

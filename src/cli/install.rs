@@ -1,13 +1,12 @@
 //! `radar-chaperone install` and `uninstall`: whether SteamVR starts this program.
 
-use crate::app::own_path;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use super::check_run;
-use crate::app::user_folder;
+use crate::app::{add_file_type, own_path, remove_file_type, user_folder};
 use crate::openvr::{Role, Runtime, RuntimePaths, manifest};
 
 /// The picture that SteamVR shows beside the program's name.
@@ -23,17 +22,25 @@ pub(super) struct Install {
     /// Registers the program without having it started
     #[arg(long)]
     no_autolaunch: bool,
+    /// Has the desktop open recordings (.mcap) in the view, and leaves SteamVR alone
+    #[arg(long, conflicts_with_all = ["no_autolaunch", "arguments"])]
+    open_recordings: bool,
     /// Arguments of `run`, for example -- --port /dev/ttyUSB0, or COM3
     #[arg(last = true, value_name = "ARGUMENTS")]
     arguments: Vec<String>,
 }
 
-/// Removes this program from SteamVR
+/// Removes this program from SteamVR and from the desktop
 #[derive(Debug, Args)]
 pub(super) struct Uninstall {}
 
 impl Install {
     pub fn run(&self) -> Result<()> {
+        if self.open_recordings {
+            let place = add_file_type(&own_path()?, ICON).context("cannot register the program for recordings")?;
+            outln!("Registered in {place}: the desktop offers this program for recordings (.mcap)")?;
+            return outln!("`radar-chaperone uninstall` takes it back; repeat this after moving the program");
+        }
         // SteamVR would report errors in them to nobody.
         check_run(&self.arguments)?;
         let paths = RuntimePaths::find()?;
@@ -82,6 +89,9 @@ impl Install {
 
 impl Uninstall {
     pub fn run(&self) -> Result<()> {
+        if remove_file_type().context("cannot take back the registration for recordings")? {
+            outln!("The desktop does not offer this program for recordings any more")?;
+        }
         let path = manifest_path()?;
         let paths = RuntimePaths::find()?;
         let runtime = Runtime::start(&paths, Role::Utility)?;

@@ -21,7 +21,9 @@ mod serve;
 mod simulate;
 mod view;
 
+use std::ffi::OsString;
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
@@ -29,7 +31,7 @@ use clap::{Parser, Subcommand};
 
 use radar_sar::{INSTRUCTIONS_VARIABLE, InstructionSet};
 
-use crate::app::{begin_log_file, leave_own_console, log_line, open_missing_console, printable};
+use crate::app::{begin_log_file, has_own_console, leave_own_console, log_line, open_missing_console, printable};
 
 /// Sees the room around a VR headset with a 60 GHz radar and warns of obstacles.
 ///
@@ -92,7 +94,29 @@ pub fn run() -> ExitCode {
     } else {
         open_missing_console()
     }
-    let arguments = Arguments::parse();
+    let words: Vec<OsString> = std::env::args_os().collect();
+    let clicked = words_of_click(&words, has_own_console());
+    let exit = run_command(Arguments::parse_from(clicked.as_ref().unwrap_or(&words)));
+    if clicked.is_some() && has_own_console() {
+        // The window closes with the program, and nobody could have read it.
+        let _ = writeln!(std::io::stdout(), "\nPress Enter to close this window.");
+        let _ = std::io::stdin().read_line(&mut String::new());
+    }
+    exit
+}
+
+/// What a double click stands for: on the program, a session; on a recording, its view.
+fn words_of_click(words: &[OsString], has_own_console: bool) -> Option<Vec<OsString>> {
+    match words {
+        [program] if has_own_console => Some(vec![program.clone(), "run".into()]),
+        [program, file] if Path::new(file).extension().is_some_and(|kind| kind.eq_ignore_ascii_case("mcap")) => {
+            Some(vec![program.clone(), "replay".into(), "--view".into(), "--".into(), file.clone()])
+        }
+        _ => None,
+    }
+}
+
+fn run_command(arguments: Arguments) -> ExitCode {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn"))
         .format(|out, record| {
             let text = printable(&record.args().to_string());
@@ -100,7 +124,9 @@ pub fn run() -> ExitCode {
             writeln!(out, "[{:<5} {}] {text}", record.level(), record.target())
         })
         .init();
-    if is_run && let Err(error) = begin_log_file() {
+    if matches!(arguments.command, Command::Run(_))
+        && let Err(error) = begin_log_file()
+    {
         log::warn!("there is no log file: {error}");
     }
     let done = InstructionSet::limit()
@@ -135,5 +161,25 @@ impl Command {
             Self::Info(command) => command.run(),
             Self::Recover(command) => command.run(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn double_clicks_are_a_session_or_a_view() {
+        let meant = |words: &[&str], has_own_console| {
+            let words: Vec<OsString> = words.iter().map(OsString::from).collect();
+            words_of_click(&words, has_own_console).map(|words| Arguments::try_parse_from(words).unwrap().command)
+        };
+        assert!(meant(&["radar-chaperone"], false).is_none());
+        assert!(matches!(meant(&["radar-chaperone"], true), Some(Command::Run(_))));
+        for file in ["room.mcap", "/a b/Room.MCAP", "-x.mcap"] {
+            assert!(matches!(meant(&["radar-chaperone", file], false), Some(Command::Replay(_))));
+        }
+        assert!(meant(&["radar-chaperone", "demo"], true).is_none());
+        assert!(meant(&["radar-chaperone", "info", "room.mcap"], true).is_none());
     }
 }

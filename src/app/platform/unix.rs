@@ -64,3 +64,8 @@ pub fn open_missing_console() {}
 
 /// Does nothing: a program never has a terminal of its own.
 pub fn leave_own_console() {}
+
+/// False: as [`leave_own_console`].
+pub fn has_own_console() -> bool {
+    false
+}

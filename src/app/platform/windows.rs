@@ -178,12 +178,17 @@ pub fn open_missing_console() {
     }
 }
 
+/// Whether a console was made for this process alone: its window closes with the process.
+pub fn has_own_console() -> bool {
+    let mut processes = [0; 2];
+    // SAFETY: room for as many numbers as is said.
+    unsafe { GetConsoleProcessList(processes.as_mut_ptr(), processes.len() as u32) == 1 }
+}
+
 /// Leaves a console that was made for this process alone, as when SteamVR starts it: its window closes. What is printed from
 /// then on goes nowhere.
 pub fn leave_own_console() {
-    let mut processes = [0; 2];
-    // SAFETY: room for as many numbers as is said.
-    if unsafe { GetConsoleProcessList(processes.as_mut_ptr(), processes.len() as u32) } != 1 {
+    if !has_own_console() {
         return;
     }
     let streams = [
