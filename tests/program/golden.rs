@@ -177,5 +177,5 @@ fn an_unknown_instruction_set_is_refused() {
     let folder = with_recording("unknown-instructions", "reflector");
     folder
         .run_with("info reflector.mcap", &[("RADAR_CHAPERONE_INSTRUCTIONS", "sse9")])
-        .fails_with("portable, avx2 or avx512");
+        .fails_with("portable, neon, avx2 or avx512");
 }

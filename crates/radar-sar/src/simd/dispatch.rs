@@ -1,12 +1,14 @@
 //! The choice of the instruction set, and running a kernel on it.
 //!
 //! It is the best that the processor supports, or what `RADAR_CHAPERONE_INSTRUCTIONS` limits it to
-//! (`portable`, `avx2`, `avx512`), so that each can be tested and timed wherever it exists.
+//! (`portable`, `neon`, `avx2`, `avx512`), so that each can be tested and timed wherever it exists.
 
 use std::fmt;
 use std::str::FromStr;
 use std::sync::LazyLock;
 
+#[cfg(target_arch = "aarch64")]
+use super::neon::Neon;
 #[cfg(target_arch = "x86_64")]
 use super::{avx2::Avx2, avx512::Avx512};
 use super::{lanes::Lanes, portable::Portable};
@@ -14,11 +16,13 @@ use super::{lanes::Lanes, portable::Portable};
 /// The environment variable that limits the instructions.
 pub const INSTRUCTIONS_VARIABLE: &str = "RADAR_CHAPERONE_INSTRUCTIONS";
 
-/// Vector instructions for which kernels are compiled, in ascending order.
+/// Vector instructions for which kernels are compiled, in ascending order on each architecture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum InstructionSet {
     /// The architecture's baseline.
     Portable,
+    /// NEON of 64-bit ARM processors.
+    Neon,
     /// AVX2 and FMA.
     Avx2,
     /// AVX-512 F, VL, BW and DQ, and FMA: supported by every processor with AVX-512 since
@@ -28,7 +32,7 @@ pub enum InstructionSet {
 
 /// Unknown name of an instruction set.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("\"{0}\" is not an instruction set: use portable, avx2 or avx512")]
+#[error("\"{0}\" is not an instruction set: use portable, neon, avx2 or avx512")]
 pub struct UnknownInstructionSet(String);
 
 impl FromStr for InstructionSet {
@@ -37,6 +41,7 @@ impl FromStr for InstructionSet {
     fn from_str(name: &str) -> Result<Self, Self::Err> {
         match name {
             "portable" => Ok(Self::Portable),
+            "neon" => Ok(Self::Neon),
             "avx2" => Ok(Self::Avx2),
             "avx512" => Ok(Self::Avx512),
             other => Err(UnknownInstructionSet(other.into())),
@@ -48,6 +53,7 @@ impl fmt::Display for InstructionSet {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Portable => "plain instructions",
+            Self::Neon => "NEON",
             Self::Avx2 => "AVX2",
             Self::Avx512 => "AVX-512",
         })
@@ -64,10 +70,27 @@ impl InstructionSet {
         *IN_USE
     }
 
+    /// All that this processor supports, in ascending order.
+    pub fn all_of_processor() -> impl Iterator<Item = Self> {
+        let vectors = if cfg!(target_arch = "aarch64") { &[Self::Neon][..] } else { &[Self::Avx2, Self::Avx512] };
+        let supported = vectors.iter().copied().filter(|set| *set <= Self::of_processor());
+        std::iter::once(Self::Portable).chain(supported)
+    }
+
+    /// Its name in [`INSTRUCTIONS_VARIABLE`].
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Portable => "portable",
+            Self::Neon => "neon",
+            Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
+        }
+    }
+
     /// The limit set in the environment; `None` without one.
     ///
     /// # Errors
-    /// The variable holds something other than one of the three names.
+    /// The variable holds something other than one of the names.
     pub fn limit() -> Result<Option<Self>, UnknownInstructionSet> {
         match std::env::var(INSTRUCTIONS_VARIABLE) {
             Ok(name) if !name.is_empty() => name.parse().map(Some),
@@ -92,7 +115,7 @@ impl InstructionSet {
                 return Self::Avx2;
             }
         }
-        Self::Portable
+        if cfg!(target_arch = "aarch64") { Self::Neon } else { Self::Portable }
     }
 }
 
@@ -118,6 +141,11 @@ pub(crate) fn on_widest<K: Kernel>(kernel: K) -> K::Out {
             // SAFETY: as above.
             return unsafe { avx2(s, kernel) };
         }
+    }
+    // Every compiler for the architecture uses NEON: no copy for other instructions is needed.
+    #[cfg(target_arch = "aarch64")]
+    if let Some(s) = Neon::detect() {
+        return kernel.run(s);
     }
     kernel.run(Portable)
 }
@@ -149,6 +177,8 @@ pub(crate) fn on_each<K: Kernel + Clone>(kernel: &K) -> Vec<K::Out> {
             all.push(unsafe { avx512(s, kernel.clone()) });
         }
     }
+    #[cfg(target_arch = "aarch64")]
+    all.extend(Neon::detect().map(|s| kernel.clone().run(s)));
     all
 }
 
@@ -161,5 +191,9 @@ mod tests {
         assert_eq!("avx2".parse(), Ok(InstructionSet::Avx2));
         assert_eq!("sse".parse::<InstructionSet>(), Err(UnknownInstructionSet("sse".into())));
         assert!(InstructionSet::in_use() <= InstructionSet::of_processor());
+        assert_eq!(InstructionSet::all_of_processor().last(), Some(InstructionSet::of_processor()));
+        for set in InstructionSet::all_of_processor() {
+            assert_eq!(set.name().parse(), Ok(set));
+        }
     }
 }

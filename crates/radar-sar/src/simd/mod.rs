@@ -1,8 +1,8 @@
 //! The crate's vector kernels: sixteen values in lanes, on the widest unit of the processor.
 //!
 //! A kernel is a struct with its arguments that implements [`Kernel`]. Its `run` is written once,
-//! for any [`Lanes`], and [`on_widest`] compiles and runs it for AVX-512, for AVX2 with FMA, or for
-//! any processor ([`InstructionSet`]). Loops over plain arrays may also be kernels: the compiler
+//! for any [`Lanes`], and [`on_widest`] compiles and runs it for AVX-512, for AVX2 with FMA, for NEON,
+//! or for any processor ([`InstructionSet`]). Loops over plain arrays may also be kernels: the compiler
 //! then vectorises them for each instruction set.
 //!
 //! `run` and everything generic that it calls must be `#[inline(always)]`, and must not contain
@@ -32,6 +32,8 @@ mod avx2;
 mod avx512;
 mod dispatch;
 mod lanes;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod portable;
 mod vector3;
 
