@@ -1,5 +1,5 @@
 //! `lab benchmark [--json FILE] [--out DIR] [--quick]`: run time against error, as a table and a
-//! plot.
+//! plot; with `--peers`, dense backprojection beside plain C.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -9,11 +9,11 @@ use clap::Args;
 
 use super::check_targets;
 use lab::experiments::{Benchmark, Plan, present};
-use lab::results::{Provenance, benchmark_page};
+use lab::results::{DenseJob, Extent, Provenance, benchmark_page, peers_table};
 use radar_chaperone::app::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
-use radar_sar::InstructionSet;
+use radar_sar::{InstructionSet, Statistic};
 
 /// Measures run time against error: every statistic, voxel size, number and choice of sweeps, dense
 /// and adaptive, fresh and rolling
@@ -34,6 +34,20 @@ pub struct BenchmarkCommand {
     /// Only a few cases and seeds: seconds
     #[arg(long)]
     quick: bool,
+    /// Measures dense backprojection beside plain C instead, with each instruction set of this processor
+    #[arg(long, conflicts_with_all = ["json", "out"])]
+    peers: bool,
+    /// Prints the seconds of one dense volume of this statistic and ends
+    #[arg(long, value_name = "STATISTIC", hide = true)]
+    dense: Option<Statistic>,
+    #[arg(long, default_value_t = 128, hide = true)]
+    voxels: u32,
+    #[arg(long, default_value_t = 100, hide = true)]
+    sweeps: usize,
+    #[arg(long, default_value_t = 321, hide = true)]
+    points: usize,
+    #[arg(long, hide = true)]
+    from_raw_sweeps: bool,
 }
 
 impl BenchmarkCommand {
@@ -42,6 +56,15 @@ impl BenchmarkCommand {
     /// # Errors
     /// Trials that fail, files that cannot be written.
     pub fn run(&self) -> Result<()> {
+        let extent = if self.quick { Extent::Quick } else { Extent::Full };
+        if let Some(statistic) = self.dense {
+            let &Self { voxels, sweeps, points, from_raw_sweeps, .. } = self;
+            return outln!("{:.9}", DenseJob { statistic, voxels, sweeps, points, from_raw_sweeps }.seconds());
+        }
+        if self.peers {
+            let table = peers_table(extent)?;
+            return outln!("{}\n{}", table.aligned(), table.caption);
+        }
         check_targets(self.json.as_deref(), self.out.as_deref(), &["benchmark.png", "benchmark.md"])?;
         let start = Instant::now();
         let benchmark = Benchmark::new(if self.quick { Plan::quick() } else { Plan::full() })?;

@@ -85,7 +85,7 @@ fn measured(program: &Path, folder: &Path, extent: Extent) -> Result<Table> {
         for (command, out, options) in COMMANDS {
             let mut run = Command::new(program);
             run.arg(command).arg(&path).args(out.split_whitespace()).args(options.split_whitespace());
-            let (peak_kib, took_s, end) = watch(run.current_dir(folder))?;
+            let (peak_kib, took_s, end) = watch(run.current_dir(folder), MAX_DURATION)?;
             rows.push(vec![
                 file.name.into(),
                 format!("{megabytes:.1}"),
@@ -166,7 +166,7 @@ impl Samples {
 }
 
 /// Greatest resident memory, KiB, seconds taken, and how it ended.
-fn watch(command: &mut Command) -> Result<(u64, f64, String)> {
+pub(super) fn watch(command: &mut Command, max: Duration) -> Result<(u64, f64, String)> {
     let start = Instant::now();
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn()?;
     let mut peak_kib = 0;
@@ -180,7 +180,7 @@ fn watch(command: &mut Command) -> Result<(u64, f64, String)> {
             let end = if status.success() { "done" } else { "refused" };
             return Ok((peak_kib, took_s, status.code().map_or("killed".into(), |_| end.into())));
         }
-        if start.elapsed() > MAX_DURATION || peak_kib > MAX_KIB {
+        if start.elapsed() > max || peak_kib > MAX_KIB {
             child.kill()?;
             child.wait()?;
             return Ok((peak_kib, took_s, "stopped".into()));

@@ -6,8 +6,10 @@ mod gpu;
 mod memory;
 mod page;
 mod pages;
+mod peers;
 mod play;
 mod provenance;
+mod scale;
 mod speed;
 mod surfaces;
 
@@ -19,6 +21,7 @@ use radar_simulation::RecordedSensor;
 pub use calibration::{jumping, wandering};
 pub use page::Page;
 pub use pages::benchmark_page;
+pub use peers::{DenseJob, peers_table};
 pub use play::{PlayOutcome, curve_chart, curve_page_body, curve_table, played};
 pub use provenance::Provenance;
 pub use speed::whole_pipeline_share;
@@ -77,7 +80,7 @@ impl ResultsPage {
 }
 
 /// Every page.
-pub const PAGES: [ResultsPage; 11] = [
+pub const PAGES: [ResultsPage; 12] = [
     ResultsPage {
         name: "reflectors",
         about: "position of a reflector, pairs, time offset",
@@ -128,7 +131,7 @@ pub const PAGES: [ResultsPage; 11] = [
     },
     ResultsPage {
         name: "speed",
-        about: "processor time of the pipeline, latency beside a frame loop",
+        about: "backprojection beside plain C, processor time of the pipeline, latency beside a frame loop",
         is_timed: true,
         make: |measuring| speed::page(measuring.extent),
     },
@@ -143,5 +146,11 @@ pub const PAGES: [ResultsPage; 11] = [
         about: "peak memory of the commands over recordings made to swell",
         is_timed: false,
         make: |measuring| memory::page(measuring.extent),
+    },
+    ResultsPage {
+        name: "scale",
+        about: "growth of time and memory: a house, hours, voxels, sweeps, range",
+        is_timed: true,
+        make: |measuring| scale::page(measuring.extent),
     },
 ];

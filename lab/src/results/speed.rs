@@ -4,17 +4,13 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use super::{Extent, Page};
+use super::{Extent, Page, peers_table};
 use crate::experiments::{LiveLatency, PipelineCost};
 use radar_chaperone::report::Table;
 use radar_chaperone::settings::Settings;
-use radar_sar::InstructionSet;
+use radar_sar::{INSTRUCTIONS_VARIABLE, InstructionSet};
 
 const SCENES: [&str; 2] = ["furnished-room", "empty-room"];
-/// As `RADAR_CHAPERONE_INSTRUCTIONS` names them.
-const INSTRUCTION_SETS: [(&str, InstructionSet); 3] =
-    [("avx512", InstructionSet::Avx512), ("avx2", InstructionSet::Avx2), ("portable", InstructionSet::Portable)];
-
 pub(super) fn page(extent: Extent) -> Result<Page> {
     let duration_s = extent.choose(30.0, 2.0);
     let mut page = Page::new("Speed", "")
@@ -22,6 +18,8 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
             "Simulated natural play, preset d16. A share of a core is processor time of all threads over the length of \
              the recording; each stage is repeated three times and the shortest counts. Nothing else was running.",
         )
+        .heading("Dense backprojection beside plain C")
+        .table(&peers_table(extent)?)
         .heading("The whole pipeline by instruction set")
         .text("From frames and poses to the scene, on one thread, 10 s. `RADAR_CHAPERONE_INSTRUCTIONS` limits the set.")
         .table(&by_instruction_set(extent, extent.choose(10.0, 2.0))?)
@@ -50,16 +48,17 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
 fn by_instruction_set(extent: Extent, duration_s: f64) -> Result<Table> {
     let own = std::env::current_exe().context("cannot find this program's file")?;
     let mut rows = Vec::new();
-    let of_processor = InstructionSet::of_processor();
-    for (name, set) in INSTRUCTION_SETS.into_iter().filter(|(_, set)| *set <= of_processor).take(extent.choose(3, 1)) {
+    let mut sets: Vec<_> = InstructionSet::all_of_processor().collect();
+    sets.reverse();
+    for set in sets.into_iter().take(extent.choose(usize::MAX, 1)) {
         let mut row = vec![set.to_string()];
         for scene in SCENES {
             let done = Command::new(&own)
-                .env("RADAR_CHAPERONE_INSTRUCTIONS", name)
+                .env(INSTRUCTIONS_VARIABLE, set.name())
                 .args(["results", "--whole-pipeline", scene, "--seconds", &duration_s.to_string()])
                 .output()
                 .with_context(|| format!("cannot run {}", own.display()))?;
-            ensure!(done.status.success(), "with {name}: {}", String::from_utf8_lossy(&done.stderr));
+            ensure!(done.status.success(), "with {set}: {}", String::from_utf8_lossy(&done.stderr));
             row.push(String::from_utf8_lossy(&done.stdout).trim().to_owned());
         }
         rows.push(row);

@@ -18,6 +18,7 @@ fn without_names_the_pages_are_listed() {
         "speed",
         "gpu",
         "memory",
+        "scale",
     ] {
         listed = listed.prints(page);
     }
@@ -33,7 +34,7 @@ fn a_quick_page_states_command_commit_and_machine() {
         ("living", &["| warned before 0.4 m or 0.6 s, % ", "| Lighthouse", "| poor tracker", "| all but walls "][..]),
         ("calibration", &["| points ", "cm off, estimated ", "cm off, as assumed "][..]),
         ("realism", &["| everything on ", "| sensor: noise alone "][..]),
-        ("speed", &["| instruction set", "| the whole mapper ", "drawn from it"][..]),
+        ("speed", &["| ls, 16³ × 10 ", "| instruction set", "| the whole mapper ", "drawn from it"][..]),
     ] {
         let text = String::from_utf8(folder.read(&format!("r/{page}.md"))).unwrap();
         let made = text.split("\n\n").nth(1).unwrap().replace('\n', " ");
