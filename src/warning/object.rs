@@ -10,8 +10,6 @@
 //! the head sways, approaches and turns, and changes every 15° around the obstacle. The silhouette
 //! is then wrong by 8° at most, less than the radar image is.
 
-use std::collections::HashSet;
-
 use glam::{DQuat, DVec2, DVec3};
 
 use super::hull::{convex_hull, lattice_within};
@@ -146,19 +144,48 @@ fn silhouette(
     let mut radius = round(math::hypot(body.radius_m + EDGE_MARGIN_M, spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
     loop {
         let cell = 0.6 * radius;
-        let mut taken = HashSet::new();
+        let mut taken = CellSet::covering(size_m / 2.0 + radius, cell);
         let discs: Vec<_> = placed
             .iter()
             .copied()
             .chain(lattice_within(&hull, 2.0 * cell))
             .filter(|c| (c.abs() - size_m / 2.0).max_element() < radius)
-            .filter(|c| taken.insert(((c.x / cell).round() as i32, (c.y / cell).round() as i32)))
+            .filter(|c| taken.insert(*c))
             .map(|c| (DVec2::new(round(c.x), round(c.y)), radius))
+            .take(MAX_DISCS + 1)
             .collect();
         if discs.len() <= MAX_DISCS {
             return discs;
         }
         radius = round(radius * 1.5 + DISC_STEP_M);
+    }
+}
+
+/// Square cells around the origin, a bit each: a set of hashes takes most of the time of a frame.
+struct CellSet {
+    cell_m: f64,
+    /// Farthest cell from the middle along x and y.
+    farthest: [i32; 2],
+    bits: Vec<u64>,
+}
+
+impl CellSet {
+    /// For points within ±`half_m`.
+    fn covering(half_m: DVec2, cell_m: f64) -> Self {
+        let farthest = (half_m / cell_m).round().to_array().map(|cells| cells as i32);
+        let [columns, rows] = farthest.map(|cells| 2 * cells as usize + 1);
+        Self { cell_m, farthest, bits: vec![0; (columns * rows).div_ceil(64)] }
+    }
+
+    /// Takes the cell of a point; returns whether it was free.
+    fn insert(&mut self, point: DVec2) -> bool {
+        let [x, y] = (point / self.cell_m).round().to_array().map(|at| at as i32);
+        let [column, row] = [x + self.farthest[0], y + self.farthest[1]].map(|at| at as usize);
+        let at = row * (2 * self.farthest[0] as usize + 1) + column;
+        let (word, bit) = (&mut self.bits[at / 64], 1 << (at % 64));
+        let is_free = *word & bit == 0;
+        *word |= bit;
+        is_free
     }
 }
 

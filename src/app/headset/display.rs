@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::graphics::{Graphics, GraphicsError};
-use super::overlay_pool::{MAX_OVERLAYS, OverlayPool};
+use super::overlay_pool::{MAX_SHOWN, OverlayPool};
 use super::status::HeadsetError;
 use crate::openvr::{EyeSide, HeadsetEye, OpenVrError, Overlay, Runtime, Universe};
 use crate::render::{EyeView, Quad, RenderError, StereoScene, Window};
@@ -237,7 +237,7 @@ fn windows(
     let eyes_m: [DVec3; 2] = eyes.map(|eye| (from.standing_from_head * eye.head_from_eye).translation);
     let shapes = scene.tracker.shapes(scene.warnings);
     let scenery = scene.scenery(&shapes);
-    let windows: Vec<Window> = Window::of_panels(&scenery, eyes_m).into_iter().take(MAX_OVERLAYS).collect();
+    let windows: Vec<Window> = Window::of_panels(&scenery, eyes_m).into_iter().take(MAX_SHOWN).collect();
     let pictures = graphics.renderer.windows(&scenery, &windows, eyes_m)?;
     let quad = |(window, texture): (Window, Arc<wgpu::Texture>)| {
         let (tracking_from_quad, size_m, (kind, id)) = (window.tracking_from_window, window.size_m, window.key);

@@ -2,8 +2,9 @@
 //! long as the session, each assigned to an obstacle while it has a warning.
 //!
 //! An obstacle keeps its overlay, so that nothing jumps between overlays. An overlay without an
-//! obstacle is hidden, not destroyed. A picture is passed to the runtime only when it has changed.
-//! The runtime copies it on our queue later, so the last few stay alive.
+//! obstacle is hidden, not destroyed, and keeps its picture: there are more overlays than are shown at
+//! once, so an obstacle that is near again mostly finds its own. A picture is passed to the runtime
+//! only when it has changed. The runtime copies it on our queue later, so the last few stay alive.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -12,8 +13,11 @@ use crate::openvr::{OpenVrError, Overlay, Runtime, Universe, VulkanDevice};
 use crate::render::{Quad, QuadKind};
 use radar_sar::geometry::Pose;
 
-/// Number of overlays. Choice: the runtime's compositor draws each of them for each eye.
-pub(super) const MAX_OVERLAYS: usize = 8;
+/// Number of overlays shown at once. Choice: the runtime's compositor draws each of them for each eye.
+pub(super) const MAX_SHOWN: usize = 8;
+/// Number of overlays, made as they are needed. Choice: the quads of a furnished room's half; a runtime has room for 128, and its
+/// copies of so many pictures take some 30 MB of the card's memory.
+const MAX_OVERLAYS: usize = 32;
 /// Pictures per overlay kept alive after they were replaced. Choice: the copy of one may be pending
 /// when the next is passed; one more in reserve.
 const RETAINED_PICTURES: usize = 2;
@@ -29,14 +33,21 @@ type QuadKey = (QuadKind, u64);
 
 struct PooledOverlay {
     overlay: Overlay,
+    /// The quad shown, or shown last.
     assigned_to: Option<QuadKey>,
+    /// Number of the call in which it was shown last.
+    shown_at: u64,
     texture: Option<Arc<wgpu::Texture>>,
     replaced: VecDeque<Arc<wgpu::Texture>>,
 }
 
 /// A pool of overlays.
 pub(super) struct OverlayPool {
+    runtime: Option<Arc<Runtime>>,
     slots: Vec<PooledOverlay>,
+    /// The runtime has refused a further one.
+    is_full: bool,
+    calls: u64,
     /// Pictures have two halves, one for each eye.
     is_stereo: bool,
 }
@@ -45,20 +56,34 @@ impl OverlayPool {
     /// # Errors
     /// The runtime refuses an overlay.
     pub fn new(runtime: &Arc<Runtime>, is_stereo: bool) -> Result<Self, OpenVrError> {
-        let slot = |index| {
-            let overlay =
-                Overlay::new(runtime, &format!("radar-chaperone.{index}"), &format!("Radar chaperone {index}"))?;
-            if is_stereo {
-                overlay.set_side_by_side()?;
-            }
-            Ok(PooledOverlay { overlay, assigned_to: None, texture: None, replaced: VecDeque::new() })
-        };
-        Ok(Self { slots: (1..=MAX_OVERLAYS).map(slot).collect::<Result<_, _>>()?, is_stereo })
+        let mut pool =
+            Self { runtime: Some(Arc::clone(runtime)), slots: Vec::new(), is_full: false, calls: 0, is_stereo };
+        (0..MAX_SHOWN).try_for_each(|_| pool.add())?;
+        Ok(pool)
     }
 
     /// An empty pool.
     pub fn none() -> Self {
-        Self { slots: Vec::new(), is_stereo: false }
+        Self { runtime: None, slots: Vec::new(), is_full: false, calls: 0, is_stereo: false }
+    }
+
+    /// One more overlay.
+    fn add(&mut self) -> Result<(), OpenVrError> {
+        let Some(runtime) = &self.runtime else { return Ok(()) };
+        let number = self.slots.len() + 1;
+        let overlay =
+            Overlay::new(runtime, &format!("radar-chaperone.{number}"), &format!("Radar chaperone {number}"))?;
+        if self.is_stereo {
+            overlay.set_side_by_side()?;
+        }
+        self.slots.push(PooledOverlay {
+            overlay,
+            assigned_to: None,
+            shown_at: 0,
+            texture: None,
+            replaced: VecDeque::new(),
+        });
+        Ok(())
     }
 
     /// Whether the overlays still exist in the runtime.
@@ -77,16 +102,30 @@ impl OverlayPool {
         quads: &[Quad],
         raw_from_standing: &Pose,
     ) -> Result<u64, OpenVrError> {
-        let wanted: Vec<_> = quads.iter().map(|quad| (quad.key(), size_of(&quad.texture))).take(MAX_OVERLAYS).collect();
-        let held: Vec<_> =
-            self.slots.iter().map(|slot| (slot.assigned_to, slot.texture.as_deref().map(size_of))).collect();
+        self.calls += 1;
+        let wanted: Vec<_> = quads.iter().map(|quad| (quad.key(), size_of(&quad.texture))).take(MAX_SHOWN).collect();
         let (mut handed, mut refused) = (0, None);
-        let lent = assign(&held, &wanted);
+        let mut lent = self.assign(&wanted);
+        // One more overlay for those that would take another's; a runtime that refuses it has shown how many it has room for.
+        let is_foreign = |slot: &Held, quad: Option<usize>| {
+            quad.is_some_and(|quad| slot.last.is_some_and(|(key, _)| key != wanted[quad].0))
+        };
+        while !self.is_full
+            && self.slots.len() < MAX_OVERLAYS
+            && self.held().iter().zip(&lent).any(|(slot, quad)| is_foreign(slot, *quad))
+        {
+            if let Err(error) = self.add() {
+                log::info!("no further overlay: {error}");
+                self.is_full = true;
+            }
+            lent = self.assign(&wanted);
+        }
         for (slot, _) in self.slots.iter_mut().zip(&lent).filter(|(_, quad)| quad.is_none()) {
-            refused = slot.release().err().or(refused);
+            refused = slot.overlay.hide().err().or(refused);
         }
         for (slot, quad) in self.slots.iter_mut().zip(&lent) {
             let Some(quad) = quad.and_then(|index| quads.get(index)) else { continue };
+            slot.shown_at = self.calls;
             match slot.show_quad(device, quad, raw_from_standing, self.is_stereo) {
                 Ok(is_new) => handed += u64::from(is_new),
                 Err(error) => refused = Some(error),
@@ -100,7 +139,7 @@ impl OverlayPool {
     /// # Errors
     /// The runtime refuses.
     pub fn hide(&mut self) -> Result<(), OpenVrError> {
-        self.slots.iter_mut().map(PooledOverlay::release).fold(Ok(()), Result::and)
+        self.slots.iter_mut().map(|slot| slot.overlay.hide()).fold(Ok(()), Result::and)
     }
 
     /// Drops all pictures after the device was lost.
@@ -117,6 +156,18 @@ impl OverlayPool {
         self.slots.into_iter().flat_map(|slot| slot.texture.into_iter().chain(slot.replaced)).collect()
     }
 
+    fn held(&self) -> Vec<Held> {
+        let held = |slot: &PooledOverlay| Held {
+            last: slot.assigned_to.zip(slot.texture.as_deref().map(size_of)),
+            shown_at: slot.shown_at,
+        };
+        self.slots.iter().map(held).collect()
+    }
+
+    fn assign(&self, wanted: &[(QuadKey, Size)]) -> Vec<Option<usize>> {
+        assign(&self.held(), wanted)
+    }
+
     /// Number of overlays shown.
     pub fn shown(&self) -> usize {
         self.slots.iter().filter(|slot| slot.overlay.is_shown()).count()
@@ -124,11 +175,6 @@ impl OverlayPool {
 }
 
 impl PooledOverlay {
-    fn release(&mut self) -> Result<(), OpenVrError> {
-        self.assigned_to = None;
-        self.overlay.hide()
-    }
-
     /// Shows a quad; returns whether its picture was passed to the runtime.
     fn show_quad(
         &mut self,
@@ -166,22 +212,29 @@ fn size_of(texture: &wgpu::Texture) -> Size {
     [texture.width(), texture.height()]
 }
 
-/// The quad for each overlay: its own when still wanted. Of the others each, in order, gets a free overlay whose last picture had
-/// its size, for which the runtime keeps its copy; else one without picture; else any.
-fn assign(held: &[(Option<QuadKey>, Option<Size>)], wanted: &[(QuadKey, Size)]) -> Vec<Option<usize>> {
-    let own = |key: Option<QuadKey>| key.and_then(|key| wanted.iter().position(|(wanted, _)| *wanted == key));
-    let mut lent: Vec<Option<usize>> = held.iter().map(|(key, _)| own(*key)).collect();
-    let misfit = |last: Option<Size>, size: Size| match last {
-        Some(last) if last == size => 0,
-        None => 1,
-        Some(_) => 2,
-    };
+/// An overlay: the quad that it shows or showed last with the size of its picture, and when.
+#[derive(Debug, Clone, Copy, Default)]
+struct Held {
+    last: Option<(QuadKey, Size)>,
+    shown_at: u64,
+}
+
+/// The quad for each overlay: its own, also if it was hidden. Of the others each, in order, gets an overlay without picture; else one
+/// whose picture has its size, for which the runtime keeps its copy; else the one hidden longest.
+fn assign(held: &[Held], wanted: &[(QuadKey, Size)]) -> Vec<Option<usize>> {
+    let own = |key: QuadKey| wanted.iter().position(|(wanted, _)| *wanted == key);
+    let mut lent: Vec<Option<usize>> = held.iter().map(|slot| own(slot.last?.0)).collect();
     for (quad, (_, size)) in wanted.iter().enumerate() {
         if lent.contains(&Some(quad)) {
             continue;
         }
+        let misfit = |slot: &usize| match held[*slot] {
+            Held { last: None, .. } => (0, 0),
+            Held { last: Some((_, last)), shown_at } if last == *size => (1, shown_at),
+            Held { shown_at, .. } => (2, shown_at),
+        };
         let free = (0..held.len()).filter(|slot| lent[*slot].is_none());
-        if let Some(slot) = free.min_by_key(|slot| misfit(held[*slot].1, *size)) {
+        if let Some(slot) = free.min_by_key(misfit) {
             lent[slot] = Some(quad);
         }
     }
@@ -195,9 +248,13 @@ mod tests {
     const LARGE: Size = [512, 1024];
     const SMALL: Size = [256, 256];
 
-    /// The assignment where all pictures have one size.
+    /// The assignment where all pictures have one size; the first overlay was shown last.
     fn assigned(held: &[Option<QuadKey>], wanted: &[QuadKey]) -> Vec<Option<usize>> {
-        let held: Vec<_> = held.iter().map(|key| (*key, key.map(|_| SMALL))).collect();
+        let slot = |(n, key): (usize, &Option<QuadKey>)| Held {
+            last: key.map(|key| (key, SMALL)),
+            shown_at: (held.len() - n) as u64,
+        };
+        let held: Vec<_> = held.iter().enumerate().map(slot).collect();
         assign(&held, &wanted.iter().map(|key| (*key, SMALL)).collect::<Vec<_>>())
     }
 
@@ -208,9 +265,11 @@ mod tests {
         assert_eq!(assigned(&[None; 3], &[chair, table]), [Some(0), Some(1), None]);
         // The table is nearer now and comes first; a wall takes the free overlay.
         assert_eq!(assigned(&[Some(chair), Some(table), None], &[table, chair, wall]), [Some(1), Some(0), Some(2)]);
-        assert_eq!(assigned(&[Some(chair), Some(table), None], &[wall]), [Some(0), None, None]);
+        // An overlay without picture, before one of which the obstacle may come back.
+        assert_eq!(assigned(&[Some(chair), Some(table), None], &[wall]), [None, None, Some(0)]);
+        assert_eq!(assigned(&[Some(chair), Some(table)], &[wall]), [None, Some(0)], "hidden longest");
         // A footprint has another key than its panel.
-        assert_eq!(assigned(&[Some(chair), None], &[(QuadKind::Footprint, 1)]), [Some(0), None]);
+        assert_eq!(assigned(&[Some(chair), None], &[(QuadKind::Footprint, 1)]), [None, Some(0)]);
         assert_eq!(assigned(&[Some(chair)], &[table, wall]), [Some(0)], "what does not fit is left out");
         assert_eq!(assigned(&[Some(table), Some(chair)], &[]), [None, None]);
     }
@@ -218,8 +277,11 @@ mod tests {
     #[test]
     fn overlay_with_a_picture_of_the_same_size_is_preferred() {
         let [chair, table, shelf] = [1, 2, 3].map(|id| (QuadKind::Object, id));
-        let held = [(None, Some(LARGE)), (None, None), (None, Some(SMALL)), (Some(shelf), Some(SMALL))];
+        let [lamp, sofa] = [4, 5].map(|id| (QuadKind::Object, id));
+        let held = [(lamp, LARGE), (sofa, SMALL), (shelf, SMALL)];
+        let held = held.map(|quad| Held { last: Some(quad), shown_at: 1 });
         let wanted = [(chair, SMALL), (shelf, SMALL), (table, SMALL)];
-        assert_eq!(assign(&held, &wanted), [None, Some(2), Some(0), Some(1)]);
+        assert_eq!(assign(&held, &wanted), [Some(2), Some(0), Some(1)]);
+        assert_eq!(assign(&[held[0], Held::default()], &wanted[..1]), [None, Some(0)]);
     }
 }
