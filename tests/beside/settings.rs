@@ -102,20 +102,24 @@ fn invalid_settings_at_start_fall_back_to_defaults() {
 #[test]
 fn play_area_changes_are_followed() {
     let mut rig = Rig::new("play_area");
-    rig.start_sensor("furnished-room", "approach-chair", 1, 300);
+    // The wearer stays within 0.5 m of the origin, where nothing stands.
+    rig.start_sensor("furnished-room", "sphere-10cm", 1, 300);
     rig.start_steamvr(&json!({ "chaperone": { "size_m": [8, 8] } }), true);
     let arguments = ["--set", "warning.play_area_margin_m=0", "--set", "warning.fade_distance_m=3.5"];
     let program = rig.start_run(&[&arguments[..], &["--report", "run.json"]].concat());
     let is_visible = |report: &Value| report["visible"].as_u64() > Some(0);
     // The room is mapped; then none of it is within reach.
     rig.wait_report("a warning", is_visible);
-    rig.send_command(&json!({ "do": "play_area", "x": 0.1, "z": 0.1 }));
+    rig.send_command(&json!({ "do": "play_area", "x": 1.0, "z": 1.2 }));
     rig.wait_report("the small play area", |report| report["commands"] == 1);
     rig.wait_report("no warning", |report| !is_visible(report));
     rig.wait_frames(WALK_FRAMES / 10);
     for _ in 0..10 {
-        assert!(!is_visible(&rig.wait_frames(WALK_FRAMES / 10)), "the chair is out of reach");
+        assert!(!is_visible(&rig.wait_frames(WALK_FRAMES / 10)), "all is out of reach");
     }
+    // A wearer who has left the play area can reach everything.
+    rig.send_command(&json!({ "do": "play_area", "x": 0.01, "z": 0.01 }));
+    rig.wait_report("a warning past the boundary", is_visible);
     rig.send_command(&json!({ "do": "play_area", "x": 8, "z": 8 }));
     rig.wait_report("a warning", is_visible);
     assert_eq!(program.interrupt().code, Some(0));
