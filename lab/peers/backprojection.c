@@ -27,23 +27,26 @@ static float *px, *py, *pz, *re, *im, *power, *difference, *out;
 
 static void ls(void) {
     const int n = h.voxels;
-    const float per_step = 1.0f / h.step_m;
+    float *restrict sum = malloc(n * sizeof *sum);
+    const float per_step = 1.0f / h.step_m, first_m = h.first_m, voxel_m = h.voxel_m;
     for (int row = 0; row < n * n; row++) {
         const float y = h.origin_m[1] + (row % n + 0.5f) * h.voxel_m, z = h.origin_m[2] + (row / n + 0.5f) * h.voxel_m;
-        float *sum = out + (size_t)row * n;
         memset(sum, 0, n * sizeof *sum);
         for (uint32_t s = 0; s < h.sweeps; s++) {
             const float dy = y - py[s], dz = z - pz[s], across = dy * dy + dz * dz;
-            const float x0 = h.origin_m[0] + 0.5f * h.voxel_m - px[s];
-            const float *values = power + (size_t)s * h.points, *steps = difference + (size_t)s * h.points;
+            const float x0 = h.origin_m[0] + 0.5f * voxel_m - px[s];
+            const float *restrict values = power + (size_t)s * h.points;
+            const float *restrict steps = difference + (size_t)s * h.points;
             for (int x = 0; x < n; x++) {
-                const float dx = x0 + x * h.voxel_m;
-                const float at = (sqrtf(across + dx * dx) - h.first_m) * per_step;
+                const float dx = x0 + x * voxel_m;
+                const float at = (sqrtf(across + dx * dx) - first_m) * per_step;
                 const int before = (int)at;
                 sum[x] += values[before] + (at - before) * steps[before];
             }
         }
+        memcpy(out + (size_t)row * n, sum, n * sizeof *sum);
     }
+    free(sum);
 }
 
 static void coherent(void) {
