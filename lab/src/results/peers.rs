@@ -17,6 +17,7 @@ use super::Extent;
 use radar_chaperone::report::Table;
 use radar_sar::backprojection::{BrickGrid, SweepStack, dense_volume};
 use radar_sar::geometry::{Aabb, Pose};
+use radar_sar::math;
 use radar_sar::{
     Beam, CompressedSweep, INSTRUCTIONS_VARIABLE, InstructionSet, Observation, PHASE_RAD_PER_M, RangeAxis,
     RangeCompressor, Statistic, SweepGeometry,
@@ -87,8 +88,9 @@ impl DenseJob {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let sweep = |n: usize| {
             let t = n as f64 / (self.sweeps - 1).max(1) as f64;
-            let position = DVec3::new(0.1 * (5.0 * t).sin(), 0.2 * (3.0 * t).cos() - 0.2, 0.15 * (9.0 * t).sin());
-            let ahead = DVec3::new(1.0, 0.3 * (4.0 * t).sin(), 0.2 * (6.0 * t).cos()).normalize();
+            let (sin, cos) = (math::sin::<f64>, math::cos::<f64>);
+            let position = DVec3::new(0.1 * sin(5.0 * t), 0.2 * cos(3.0 * t) - 0.2, 0.15 * sin(9.0 * t));
+            let ahead = DVec3::new(1.0, 0.3 * sin(4.0 * t), 0.2 * cos(6.0 * t)).normalize();
             let mut part = || rng.random_range(-0.5..0.5);
             Observation {
                 mid_time_ns: n as i64,
@@ -169,9 +171,9 @@ impl PeerData {
             let distance_m = from.distance(position);
             let z = sweep.at(distance_m);
             power += z.norm_sqr();
-            coherent += z * Complex64::from_polar(1.0, -PHASE_RAD_PER_M * distance_m);
+            coherent += z * math::from_polar(1.0, -PHASE_RAD_PER_M * distance_m);
         }
-        if self.job.statistic == Statistic::Ls { power } else { coherent.norm() }
+        if self.job.statistic == Statistic::Ls { power } else { math::norm(coherent) }
     }
 }
 

@@ -16,6 +16,7 @@ use radar_mapping::{Mapper, MappingSettings};
 use radar_recording::{Header, MapFile, Recording, RecordingWriter};
 use radar_sar::Statistic;
 use radar_sar::geometry::Pose;
+use radar_sar::math;
 use radar_simulation::Scenario;
 
 /// Distance between the middles of a house's rooms, metres: those of `furnished-room` are 4 by 5 m.
@@ -230,7 +231,7 @@ fn on_one_thread(job: &DenseJob) -> f64 {
 
 /// Slope of the least-squares line through the logarithms.
 fn exponent(points: impl Iterator<Item = (f64, f64)>) -> f64 {
-    let logs: Vec<_> = points.map(|(x, y)| (x.ln(), y.ln())).collect();
+    let logs: Vec<_> = points.map(|(x, y)| (math::ln(x), math::ln(y))).collect();
     let count = logs.len() as f64;
     let (mean_x, mean_y) =
         (logs.iter().map(|p| p.0).sum::<f64>() / count, logs.iter().map(|p| p.1).sum::<f64>() / count);
@@ -240,11 +241,11 @@ fn exponent(points: impl Iterator<Item = (f64, f64)>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::exponent;
+    use super::{exponent, math};
 
     #[test]
     fn exponents_are_those_of_powers() {
-        let of = |power: f64| exponent([1.0, 2.0, 5.0, 40.0].into_iter().map(|x: f64| (x, 3.0 * x.powf(power))));
+        let of = |power: f64| exponent([1.0, 2.0, 5.0, 40.0].into_iter().map(|x: f64| (x, 3.0 * math::powf(x, power))));
         for power in [0.0, 0.5, 1.0, 3.0] {
             assert!((of(power) - power).abs() < 1e-12);
         }
