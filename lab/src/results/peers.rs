@@ -287,6 +287,7 @@ fn own_seconds(set: InstructionSet, job: &DenseJob) -> Result<f64> {
         job.statistic.name(),
     ]);
     command.args(["--voxels", &job.voxels.to_string(), "--sweeps", &job.sweeps.to_string()]);
+    command.args(["--points", &job.points.to_string()]);
     if job.from_raw_sweeps {
         command.arg("--from-raw-sweeps");
     }

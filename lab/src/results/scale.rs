@@ -29,8 +29,8 @@ const ROOMS_IN_ROW: usize = 5;
 const WALK_S: f64 = 5.0;
 /// First seed of the rooms.
 const SEED: u64 = 8500;
-/// How long a replay may take. Choice: several times what the largest took.
-const MAX_REPLAY: Duration = Duration::from_secs(1800);
+/// How long a replay may take. Choice: longer than the longest recording, so that a replay slower than real time is stopped.
+const MAX_REPLAY: Duration = Duration::from_secs(2400);
 
 /// Play in one furnished room after the other.
 #[derive(Debug, Clone, Copy)]

@@ -15,8 +15,8 @@ use radar_sar::geometry::Pose;
 
 /// Number of overlays shown at once. Choice: the runtime's compositor draws each of them for each eye.
 pub(super) const MAX_SHOWN: usize = 8;
-/// Number of overlays, made as they are needed. Choice: the quads of a furnished room's half; a runtime has room for 128, and its
-/// copies of so many pictures take some 30 MB of the card's memory.
+/// Number of overlays, made as they are needed. Choice: the panels and footprints of half a furnished room, and a quarter of the 128
+/// that a runtime has room for (OpenVR, k_unMaxOverlayCount).
 const MAX_OVERLAYS: usize = 32;
 /// Pictures per overlay kept alive after they were replaced. Choice: the copy of one may be pending
 /// when the next is passed; one more in reserve.
