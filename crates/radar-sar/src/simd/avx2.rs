@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 
 use super::dispatch::InstructionSet;
-use super::lanes::{LANES, Lanes, limited};
+use super::lanes::{LANE_BITS, LANES, Lanes, limited};
 
 /// Proof that the processor has the instructions of [`InstructionSet::Avx2`].
 #[derive(Debug, Clone, Copy)]
@@ -237,13 +237,3 @@ unsafe fn four_pairs_of(table: *const f32, at: &[i32; LANES], lanes: [usize; 4])
         ))
     }
 }
-
-/// Bit l in lane l.
-const LANE_BITS: [i32; LANES] = {
-    let (mut bits, mut l) = ([0; LANES], 0);
-    while l < LANES {
-        bits[l] = 1 << l;
-        l += 1;
-    }
-    bits
-};

@@ -7,6 +7,17 @@ pub(crate) const LANES: usize = 16;
 /// bits of the sum.
 pub(crate) const ROUNDER: f32 = 12_582_912.0;
 
+/// Bit l in lane l, for masks.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+pub(super) const LANE_BITS: [i32; LANES] = {
+    let (mut bits, mut l) = ([0; LANES], 0);
+    while l < LANES {
+        bits[l] = 1 << l;
+        l += 1;
+    }
+    bits
+};
+
 /// Exponent bits of an f32.
 const EXPONENT_BITS: i32 = 0x7f80_0000;
 

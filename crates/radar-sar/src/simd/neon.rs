@@ -4,7 +4,7 @@ use std::arch::aarch64::*;
 use std::array::from_fn;
 
 use super::dispatch::InstructionSet;
-use super::lanes::{LANES, Lanes, limited};
+use super::lanes::{LANE_BITS, LANES, Lanes, limited};
 
 /// NEON, where it is in use.
 #[derive(Debug, Clone, Copy)]
@@ -289,13 +289,3 @@ unsafe fn or_zero_int(mask: uint32x4_t, a: int32x4_t) -> int32x4_t {
     // SAFETY: as above.
     unsafe { vreinterpretq_s32_u32(vandq_u32(mask, vreinterpretq_u32_s32(a))) }
 }
-
-/// Bit l in lane l.
-const LANE_BITS: [i32; LANES] = {
-    let (mut bits, mut l) = ([0; LANES], 0);
-    while l < LANES {
-        bits[l] = 1 << l;
-        l += 1;
-    }
-    bits
-};
