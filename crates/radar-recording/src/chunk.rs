@@ -1,11 +1,10 @@
-//! Unpacks one MCAP chunk. Every claimed size is checked first.
+//! Unpacks one MCAP chunk. Every claimed size is checked first, and nothing is returned before the chunk's checksum is right.
 //!
-//! The mcap crate's sans-I/O reader does the unpacking. A chunk is checked against its checksum before any record is returned.
-//! Of one that is cut off nothing is taken: what is left of it may be zeros in places, which no checksum shows.
+//! Of a chunk that is cut off nothing is taken: what is left of it may be zeros in places, which no checksum shows.
 
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::borrow::Cow;
 
-use super::record::{chunk_header, op};
+use super::record::{ChunkHeader, Fields, chunk_header};
 
 /// Limit of a record, and of an unpacked chunk, bytes. Choice: chunks are written with about 1 MiB.
 pub(super) const MAX_RECORD_BYTES: usize = 32 << 20;
@@ -15,58 +14,50 @@ pub(super) const MAX_RECORD_BYTES: usize = 32 << 20;
 /// # Errors
 /// Why the chunk, or the rest of it, was skipped.
 pub(super) fn unpack(record: &[u8], mut take: impl FnMut(u8, &[u8])) -> Result<(), String> {
-    check_chunk_header(record)?;
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(MAX_RECORD_BYTES);
-    let mut reader = LinearReader::new_with_options(options);
-    let start: Vec<u8> = std::iter::once(op::CHUNK).chain((record.len() as u64).to_le_bytes()).collect();
-    let mut rest = start.as_slice();
-    let mut next = record;
-    loop {
-        match reader.next_event() {
-            None => return Ok(()),
-            Some(Ok(LinearReadEvent::Record { data, opcode })) => take(opcode, data),
-            Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
-                if rest.is_empty() {
-                    rest = std::mem::take(&mut next);
-                }
-                let (given, later) = rest.split_at(wanted.min(rest.len()));
-                reader.insert(given.len()).copy_from_slice(given);
-                reader.notify_read(given.len());
-                rest = later;
-            }
-            Some(Err(error)) => return Err(error.to_string()),
-        }
+    let chunk = chunk_header(record).ok_or("its head is cut off or unreadable")?;
+    let records = unpacked_records(&chunk)?;
+    if records.len() as u64 != chunk.unpacked_bytes {
+        return Err(format!("it claims {} bytes when unpacked and holds {}", chunk.unpacked_bytes, records.len()));
     }
+    // 0: none was stated.
+    if chunk.checksum != 0 && chunk.checksum != crc32fast::hash(&records) {
+        return Err("its checksum differs".into());
+    }
+    let mut rest = Fields(&records);
+    while !rest.0.is_empty() {
+        let ([opcode], length) = rest.array().zip(rest.u64()).ok_or("its last record is cut off")?;
+        let content = usize::try_from(length).ok().and_then(|length| rest.bytes(length));
+        take(opcode, content.ok_or_else(|| format!("a record in it claims {length} bytes, more than it holds"))?);
+    }
+    Ok(())
 }
 
-/// Rejects implausible sizes, and everything that the unpacking would trust.
-fn check_chunk_header(record: &[u8]) -> Result<(), String> {
-    let claims = chunk_header(record).ok_or("its head is cut off or unreadable")?;
-    let held_bytes = claims.packed.len() as u64;
-    if claims.unpacked_bytes > MAX_RECORD_BYTES as u64 {
-        return Err(format!(
-            "it claims {} bytes when unpacked, more than the {MAX_RECORD_BYTES} allowed",
-            claims.unpacked_bytes
-        ));
-    }
-    if claims.unpacked_bytes == 0 && claims.packed_bytes > 0 {
-        return Err(format!("it claims to be empty and holds {} packed bytes", claims.packed_bytes));
+/// The records of a chunk that claims nothing implausible. Unpacking ends at the claimed size, whatever follows.
+fn unpacked_records<'a>(chunk: &ChunkHeader<'a>) -> Result<Cow<'a, [u8]>, String> {
+    let (claimed, held_bytes) = (chunk.unpacked_bytes, chunk.packed.len() as u64);
+    if claimed > MAX_RECORD_BYTES as u64 {
+        return Err(format!("it claims {claimed} bytes when unpacked, more than the {MAX_RECORD_BYTES} allowed"));
     }
     // Bytes beyond the claimed ones would be taken for records, or hide the next chunk.
-    if claims.packed_bytes != held_bytes {
-        return Err(format!("it claims {} packed bytes and holds {held_bytes}", claims.packed_bytes));
+    if chunk.packed_bytes != held_bytes {
+        return Err(format!("it claims {} packed bytes and holds {held_bytes}", chunk.packed_bytes));
     }
-    match claims.compression {
-        "" => Ok(()),
-        "zstd" => match zstd_safe::find_frame_compressed_size(claims.packed) {
-            Ok(frame_bytes) if frame_bytes as u64 == held_bytes => Ok(()),
-            Ok(frame_bytes) => Err(format!("its packed records end after {frame_bytes} of {held_bytes} bytes")),
-            Err(_) => Err("its packed records are cut off or damaged".into()),
-        },
+    match chunk.compression {
+        "" => Ok(Cow::Borrowed(chunk.packed)),
+        "zstd" if held_bytes == 0 => Ok(Cow::Borrowed(&[])),
+        "zstd" => {
+            match zstd_safe::find_frame_compressed_size(chunk.packed) {
+                Ok(frame_bytes) if frame_bytes as u64 == held_bytes => {}
+                Ok(frame_bytes) => {
+                    return Err(format!("its packed records end after {frame_bytes} of {held_bytes} bytes"));
+                }
+                Err(_) => return Err("its packed records are cut off or damaged".into()),
+            }
+            let mut records = Vec::with_capacity(claimed as usize);
+            let unpacked = zstd_safe::decompress(&mut records, chunk.packed);
+            let reason = |code| format!("its records cannot be unpacked: {}", zstd_safe::get_error_name(code));
+            unpacked.map(|_| Cow::Owned(records)).map_err(reason)
+        }
         other => Err(format!("it is packed with {other:?}, which is not read; only zstd is")),
     }
 }
@@ -106,6 +97,35 @@ mod tests {
         assert!(unpacked(&chunk(&huge, huge.len() as u64)).1.is_err());
         for packed_bytes in [0, 5, 21, u64::MAX] {
             assert!(unpacked(&chunk(&two, packed_bytes)).1.unwrap_err().contains("holds 20"));
+        }
+    }
+
+    #[test]
+    fn packed_records_are_unpacked_up_to_their_claim() {
+        let content = record(5, 1 << 20, &vec![0; 1 << 20]);
+        let mut packed = Vec::with_capacity(1 << 16);
+        zstd_safe::compress(&mut packed, &content, 3).unwrap();
+        let chunk = |claimed: u64, checksum: u32| {
+            let mut head = vec![0; 16];
+            head.extend(claimed.to_le_bytes());
+            head.extend(checksum.to_le_bytes());
+            head.extend(b"\x04\0\0\0zstd");
+            head.extend((packed.len() as u64).to_le_bytes());
+            [head, packed.clone()].concat()
+        };
+        let (claimed, checksum) = (content.len() as u64, crc32fast::hash(&content));
+        assert_eq!(unpacked(&chunk(claimed, checksum)), (vec![5], Ok(())));
+        assert_eq!(unpacked(&chunk(claimed, 0)), (vec![5], Ok(())));
+        for (claimed, checksum, reason) in [
+            (claimed, checksum ^ 1, "checksum differs"),
+            (claimed - 1, checksum, "cannot be unpacked"),
+            (0, checksum, "cannot be unpacked"),
+            (claimed + 1, 0, "holds 1048585"),
+            (u64::MAX, checksum, "allowed"),
+        ] {
+            let (opcodes, result) = unpacked(&chunk(claimed, checksum));
+            assert!(opcodes.is_empty());
+            assert!(result.as_ref().is_err_and(|error| error.contains(reason)), "{reason}: {result:?}");
         }
     }
 

@@ -102,6 +102,8 @@ pub(super) fn message_counts(record: &[u8]) -> Option<BTreeMap<u16, u64>> {
 pub(super) struct ChunkHeader<'a> {
     /// Size of its records when unpacked, bytes.
     pub unpacked_bytes: u64,
+    /// CRC-32 of the unpacked records; 0 for none.
+    pub checksum: u32,
     /// "zstd", or empty for none.
     pub compression: &'a str,
     /// Size of its packed records, bytes.
@@ -114,8 +116,8 @@ pub(super) struct ChunkHeader<'a> {
 pub(super) fn chunk_header(record: &[u8]) -> Option<ChunkHeader<'_>> {
     let mut fields = Fields(record);
     let (_start, _end) = (fields.u64()?, fields.u64()?);
-    let (unpacked_bytes, _crc) = (fields.u64()?, fields.u32()?);
+    let (unpacked_bytes, checksum) = (fields.u64()?, fields.u32()?);
     let compression = fields.text()?;
     let packed_bytes = fields.u64()?;
-    Some(ChunkHeader { unpacked_bytes, compression, packed_bytes, packed: fields.0 })
+    Some(ChunkHeader { unpacked_bytes, checksum, compression, packed_bytes, packed: fields.0 })
 }
