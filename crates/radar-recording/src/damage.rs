@@ -13,8 +13,10 @@ pub struct Damage {
     pub messages_skipped: u64,
     /// Bytes between whole chunks that were passed over, because no record could be read there.
     pub bytes_skipped: u64,
-    /// Whether the checksum of the whole file differs. Headers of chunks and their index are covered by it alone.
+    /// Whether the checksum of all data differs. Headers of chunks and of messages' indexes are covered by it alone.
     pub checksum_differs: bool,
+    /// Whether the index behind the data, or the end of the file, is not as written. No frame or pose is in it.
+    pub index_damaged: bool,
     /// Reason for the first skipped chunk or message.
     pub first_reason: Option<String>,
 }
@@ -60,6 +62,9 @@ impl fmt::Display for Damage {
         }
         if self.checksum_differs {
             parts.push("the file's checksum differs".to_owned());
+        }
+        if self.index_damaged {
+            parts.push("the index behind the frames and poses is damaged".to_owned());
         }
         if let Some(reason) = &self.first_reason {
             parts.push(format!("first of them: {reason}"));

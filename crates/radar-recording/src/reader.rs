@@ -17,8 +17,8 @@ use super::message::{
     FRAME_CHANNEL, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING,
     MOUNT_CHANNEL, POSE_CHANNEL, POSE_TOPIC, decode_frame, decode_hands, decode_pose,
 };
-use super::record::{channel, message, message_counts, metadata, op};
-use super::record_source::{FetchedRecord, RecordSource};
+use super::record::{Fields, channel, message, message_counts, metadata, op};
+use super::record_source::{CHECKSUM_BYTES, FOOTER_BYTES, FetchedRecord, RecordSource};
 use super::{Damage, RecordingError};
 
 /// An open recording: its header, and an iterator over its frames, poses and hands in the order of
@@ -39,10 +39,6 @@ pub struct Recording {
     /// Numbers of messages as the file's statistics state them, by channel.
     stated: Option<BTreeMap<u16, u64>>,
 }
-
-/// Content of the records that end the data, and the file, bytes.
-const DATA_END_BYTES: usize = 4;
-const FOOTER_BYTES: usize = 20;
 
 /// Content of the chunks read so far.
 #[derive(Debug)]
@@ -129,9 +125,9 @@ impl Recording {
                 Ok(()) => self.source.sound_until = self.source.offset,
                 Err(reason) => self.pass_over_chunk(at, &record, &reason),
             },
-            FetchedRecord::Record(op::DATA_END, record) if record.len() == DATA_END_BYTES => {
+            FetchedRecord::Record(op::DATA_END, record) if record.len() == CHECKSUM_BYTES => {
                 self.data_ended = true;
-                self.content.damage.checksum_differs |= self.source.checksum_differs(&record);
+                self.content.damage.checksum_differs |= self.source.checksum_differs(Fields(&record).u32());
             }
             FetchedRecord::Record(op::FOOTER, record) if record.len() == FOOTER_BYTES => {
                 self.end_early(format!("the end of the data is not marked before byte {at}"));
@@ -156,7 +152,12 @@ impl Recording {
     fn take_behind_data(&mut self, fetched: FetchedRecord) {
         let at = self.source.record_start;
         match fetched {
-            FetchedRecord::Record(op::FOOTER, _) => self.ended = true,
+            FetchedRecord::Record(op::FOOTER, record) if record.len() == FOOTER_BYTES => {
+                let stated = Fields(&record[FOOTER_BYTES - CHECKSUM_BYTES..]).u32();
+                let is_sound = !self.source.checksum_differs(stated) && self.source.ends_properly();
+                self.content.damage.index_damaged |= !is_sound;
+                self.ended = true;
+            }
             FetchedRecord::Record(op::STATISTICS, record) => self.stated = message_counts(&record),
             FetchedRecord::Record(..) => {}
             FetchedRecord::Cut => self.end_early(format!("the file ends in the middle of a record at byte {at}")),

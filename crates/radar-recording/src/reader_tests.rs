@@ -252,18 +252,27 @@ fn hostile_files_are_read_in_linear_time() {
     let header_end = chunks(&sound)[0].0.start;
     let empty_chunk = [&[op::CHUNK][..], &[0; 8]].concat();
     let head = [&[op::CHUNK][..], &u64::MAX.to_le_bytes(), &[7; 28], b"\x04\0\0\0zstd", &[0xff; 8]].concat();
+    // Claims what is allowed, and unpacks to more.
+    let bomb = {
+        let mut packed = Vec::with_capacity(1 << 20);
+        zstd_safe::compress(&mut packed, &vec![0; 33 << 20], 3).unwrap();
+        let claims = [&[7; 16][..], &(32u64 << 20).to_le_bytes(), &[7; 4], b"\x04\0\0\0zstd"].concat();
+        let content = [&claims[..], &(packed.len() as u64).to_le_bytes(), &packed].concat();
+        [&[op::CHUNK][..], &(content.len() as u64).to_le_bytes(), &content].concat()
+    };
     let large = [&[op::CHUNK][..], &(1u64 << 20).to_le_bytes(), &[7; 28], b"\x04\0\0\0zstd", &[0; 8]].concat();
     let metadata = [&(1u64 << 22).to_le_bytes()[..], b"\x0f\0\0\0radar_chaperone"].concat();
-    for (start, repeated) in [
-        (header_end, empty_chunk),
-        (header_end, head),
-        (header_end, large),
-        (8, metadata),
-        (8, b"\x04\0\0\0zstd".to_vec()),
+    for (start, repeated, length) in [
+        (header_end, empty_chunk, 4 << 20),
+        (header_end, head, 4 << 20),
+        (header_end, large, 4 << 20),
+        (header_end, bomb.clone(), 100 * bomb.len()),
+        (8, metadata, 4 << 20),
+        (8, b"\x04\0\0\0zstd".to_vec(), 4 << 20),
     ] {
         // A search for each of them would take hours.
         let mut bytes = sound[..start].to_vec();
-        bytes.extend(repeated.iter().cycle().take(4 << 20));
+        bytes.extend(repeated.iter().cycle().take(length));
         if let Ok((events, recording)) = read(&bytes) {
             assert!(events.is_empty() && !recording.damage().is_none());
         }
@@ -304,8 +313,7 @@ fn every_chunk_that_is_not_hit_is_read() {
             let place = format!("harm {kind} at byte {at} of {}", bytes.len());
             let (found, recording) = read(&harmed).unwrap_or_else(|error| panic!("{place}: {error}"));
             assert_eq!(recording.header(), &header(), "{place}");
-            let is_index = at >= chunks[chunks.len() - 1].0.end;
-            assert!(is_index || !recording.damage().is_none(), "{place}: unnoticed");
+            assert!(!recording.damage().is_none(), "{place}: unnoticed");
             let may_be_lost = |range: &Range<usize>| range.start < hit.end && hit.start < range.end;
             check_chunks(&chunks, &found, may_be_lost, &format!("{place}: {}", recording.damage()));
         }
@@ -323,6 +331,23 @@ fn no_flipped_bit_of_the_header_goes_unnoticed() {
         assert_eq!(recording.header(), &header(), "bit {bit}");
         assert!(!recording.damage().is_none(), "bit {bit} of {} went unnoticed", copy_end * 8);
     }
+}
+
+#[test]
+fn no_flipped_bit_behind_the_data_goes_unnoticed_or_costs_an_event() {
+    let written = events(1);
+    let bytes = recorded(&written);
+    let last = chunks(&bytes).last().unwrap().0.end;
+    for bit in content_of(&bytes, op::DATA_END, last) * 8 - 72..bytes.len() * 8 {
+        let mut flipped = bytes.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        let (found, recording) = read(&flipped).unwrap_or_else(|error| panic!("bit {bit}: {error}"));
+        assert_same(&found, &written);
+        assert!(!recording.damage().is_none(), "bit {bit} of {} went unnoticed", bytes.len() * 8);
+    }
+    let (found, recording) = read(&[&bytes[..], b"x"].concat()).unwrap();
+    assert_same(&found, &written);
+    assert!(recording.damage().index_damaged);
 }
 
 #[test]

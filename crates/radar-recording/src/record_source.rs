@@ -14,6 +14,10 @@ use radar_sar::truth::Truth;
 /// How many times the file's bytes may be read again in search of whole chunks. Choice: a damaged file needs less than one;
 /// bounds the time that a hostile one takes.
 const REREADS: u64 = 4;
+/// Content of the record that ends a file: two places and a checksum, bytes (MCAP specification, "Footer").
+pub(super) const FOOTER_BYTES: usize = 8 + 8 + CHECKSUM_BYTES;
+pub(super) const CHECKSUM_BYTES: usize = 4;
+
 /// The file as a sequence of top-level records.
 #[derive(Debug)]
 pub(super) struct RecordSource {
@@ -23,7 +27,7 @@ pub(super) struct RecordSource {
     pub record_start: u64,
     /// End of the last whole chunk.
     pub sound_until: u64,
-    /// Over all bytes so far; `None` once some were passed over.
+    /// Over all bytes so far, or since the end of the data; `None` once some were passed over.
     checksum: Option<crc32fast::Hasher>,
     file_bytes: u64,
     search: ChunkSearch,
@@ -74,11 +78,16 @@ impl RecordSource {
         self.go_to_unchanged();
     }
 
-    /// Whether the file's bytes so far differ from the checksum in a record that ends the data; 0: there is none.
-    pub fn checksum_differs(&self, data_end: &[u8]) -> bool {
-        let stated = Fields(data_end).u32().filter(|stated| *stated != 0);
-        let found = self.checksum.clone().map(crc32fast::Hasher::finalize);
-        stated.zip(found).is_some_and(|(stated, found)| stated != found)
+    /// Whether the bytes so far, or since this was last asked, differ from the checksum that is stated for them; 0: none is.
+    pub fn checksum_differs(&mut self, stated: Option<u32>) -> bool {
+        let counted = self.checksum.replace(crc32fast::Hasher::new());
+        let found = counted.map(crc32fast::Hasher::finalize);
+        stated.filter(|stated| *stated != 0).zip(found).is_some_and(|(stated, found)| stated != found)
+    }
+
+    /// Whether what follows is the end that every file has, and nothing behind it.
+    pub fn ends_properly(&mut self) -> bool {
+        read_up_to(&mut self.input, mcap::MAGIC.len() as u64 + 1).is_ok_and(|end| end == mcap::MAGIC)
     }
 
     /// A header, with its truth, wherever it is whole.
@@ -137,9 +146,13 @@ impl RecordSource {
         self.record_start = self.offset;
         let head = read_up_to(&mut self.input, 9)?;
         self.offset += head.len() as u64;
-        // The checksum is over what comes before the end of the data.
-        let is_counted = head.first() != Some(&op::DATA_END);
-        self.count(&head, is_counted);
+        // One checksum is over what comes before the end of the data, one over what follows up to itself, in the footer.
+        let counted_bytes = match head.first() {
+            Some(&op::DATA_END) => 0,
+            Some(&op::FOOTER) => head.len() + FOOTER_BYTES - CHECKSUM_BYTES,
+            _ => usize::MAX,
+        };
+        self.count(&head[..head.len().min(counted_bytes)]);
         let mut fields = Fields(&head);
         let (opcode, length) = match (fields.array(), fields.u64()) {
             (Some([opcode]), Some(length)) => (opcode, length),
@@ -155,15 +168,15 @@ impl RecordSource {
         }
         let record = read_up_to(&mut self.input, length)?;
         self.offset += record.len() as u64;
-        self.count(&record, is_counted);
+        self.count(&record[..record.len().min(counted_bytes.saturating_sub(head.len()))]);
         Ok(match record.len() as u64 == length {
             true => FetchedRecord::Record(opcode, record),
             false => FetchedRecord::Cut,
         })
     }
 
-    fn count(&mut self, bytes: &[u8], is_counted: bool) {
-        if let Some(checksum) = self.checksum.as_mut().filter(|_| is_counted) {
+    fn count(&mut self, bytes: &[u8]) {
+        if let Some(checksum) = &mut self.checksum {
             checksum.update(bytes);
         }
     }
