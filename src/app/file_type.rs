@@ -15,6 +15,8 @@ mod desktop {
     use std::process::{Command, Stdio};
 
     use super::*;
+    use radar_recording::{Readers, write_whole};
+
     use crate::app::folders::user_folder;
 
     /// Registers `program`; returns where.
@@ -70,8 +72,7 @@ mod desktop {
             quoted(program)?
         );
         for (path, bytes) in files(folder).iter().zip([kind.as_bytes(), icon, entry.as_bytes()]) {
-            path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
-            std::fs::write(path, bytes)?;
+            write_whole(path, bytes, Readers::Usual)?;
         }
         Ok(())
     }

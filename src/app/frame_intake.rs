@@ -8,6 +8,7 @@ use a121::find::Candidate;
 use a121::{Calibration, Event, Frame, LinkRequirement, LogLine, SensorConfig, Setup, SystemInfo};
 use anyhow::{Context, Result, anyhow, bail};
 use indicatif::ProgressBar;
+use radar_recording::{Readers, write_whole};
 use radar_sar::geometry::Pose;
 
 use super::board_messages::BoardMessages;
@@ -302,5 +303,6 @@ impl<'a> FrameIntake<'a> {
 
 fn write_calibrations(path: &Path, calibrations: &[Calibration]) -> Result<()> {
     let text = serde_json::to_string_pretty(calibrations)?;
-    std::fs::write(path, text).with_context(|| format!("cannot write calibration {}", path.display()))
+    write_whole(path, text.as_bytes(), Readers::Usual)
+        .with_context(|| format!("cannot write calibration {}", path.display()))
 }

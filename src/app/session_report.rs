@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
 use radar_mapping::MountInUse;
+use radar_recording::{Readers, write_whole};
 
 use super::{
     Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters, WarningOutput,
@@ -83,7 +84,8 @@ impl SessionReport {
             "drift_m": self.drift_m,
             "reconstruction": reconstruction,
         });
-        std::fs::write(path, format!("{report:#}\n")).with_context(|| format!("cannot write {}", path.display()))
+        write_whole(path, format!("{report:#}\n").as_bytes(), Readers::Usual)
+            .with_context(|| format!("cannot write {}", path.display()))
     }
 }
 

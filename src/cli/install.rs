@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use radar_recording::{Readers, write_whole};
 
 use super::check_run;
 use crate::app::{add_file_type, own_path, remove_file_type, user_folder};
@@ -113,13 +114,11 @@ impl Uninstall {
 
 /// Writes the manifest, and the icon that it names beside it.
 fn write_files(path: &Path, binary: &Path, arguments: &str) -> Result<()> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let icon = icon_path(path);
     let text = manifest(binary, &icon, arguments);
     // The icon first: SteamVR may read the manifest as soon as it is there.
     for (path, bytes) in [(icon.as_path(), ICON), (path, text.as_bytes())] {
-        std::fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+        write_whole(path, bytes, Readers::Usual).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
 }

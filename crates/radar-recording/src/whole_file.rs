@@ -28,9 +28,12 @@ impl WholeFile {
     /// A new neighbour of `path`, and the file to write to.
     ///
     /// # Errors
-    /// The system refuses.
+    /// The system refuses, or there is a folder, a device or a pipe, which no file may replace.
     pub fn create(path: &Path, readers: Readers) -> io::Result<(Self, File)> {
         static NEXT: AtomicU64 = AtomicU64::new(0);
+        if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+            return Err(io::Error::other("it is a folder, a device or a pipe, not a file"));
+        }
         let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_string_lossy();
         loop {
             let number = NEXT.fetch_add(1, Ordering::Relaxed);
@@ -47,8 +50,13 @@ impl WholeFile {
     ///
     /// # Errors
     /// The system refuses; nothing is left then.
-    pub fn finish(mut self, file: &File) -> io::Result<()> {
+    pub fn finish(self, file: &File) -> io::Result<()> {
         file.sync_all()?;
+        self.rename()
+    }
+
+    /// Gives a file its name that has been passed to the disk.
+    pub(super) fn rename(mut self) -> io::Result<()> {
         fs::rename(&self.neighbour, &self.path)?;
         self.is_finished = true;
         sync_folder(&self.path);
@@ -65,11 +73,14 @@ impl Drop for WholeFile {
     }
 }
 
-/// Writes a whole file, and makes its folder if need be.
+/// Writes a whole file, and makes its folder if need be. A device or a pipe is written to as it is.
 ///
 /// # Errors
 /// The system refuses; what was there before remains.
 pub fn write_whole(path: &Path, bytes: &[u8], readers: Readers) -> io::Result<()> {
+    if fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
+        return fs::write(path, bytes);
+    }
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         create_folders(folder, readers)?;
     }
@@ -173,6 +184,20 @@ mod tests {
             write_whole(link, b"two", Readers::Usual).unwrap();
             assert_eq!((fs::read(&origin).unwrap(), fs::read(link).unwrap()), (b"one".to_vec(), b"two".to_vec()));
         }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn devices_are_written_to_and_never_replaced() {
+        let folder = TestFile::new().0.clone();
+        fs::create_dir_all(&folder).unwrap();
+        let device = folder.join("null");
+        std::os::unix::fs::symlink("/dev/null", &device).unwrap();
+        write_whole(&device, b"one", Readers::Usual).unwrap();
+        assert!(WholeFile::create(&device, Readers::Usual).is_err());
+        assert!(fs::symlink_metadata(&device).unwrap().is_symlink());
+        assert_eq!(names(&folder), ["null"]);
         fs::remove_dir_all(&folder).unwrap();
     }
 
