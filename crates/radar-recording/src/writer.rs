@@ -70,9 +70,21 @@ struct OpenChunk {
     bytes: usize,
 }
 
+/// What a recording is written to: a file, in tests one whose disk fails.
+trait Storage: io::Write + io::Seek + Send {
+    /// Passes all that was written to the disk.
+    fn sync_all(&self) -> io::Result<()>;
+}
+
+impl Storage for File {
+    fn sync_all(&self) -> io::Result<()> {
+        Self::sync_all(self)
+    }
+}
+
 /// The file, and the open chunk.
 struct Output {
-    mcap: mcap::Writer<BufWriter<File>>,
+    mcap: mcap::Writer<BufWriter<Box<dyn Storage>>>,
     chunk: Option<OpenChunk>,
 }
 
@@ -82,6 +94,16 @@ enum Place {
     Beside(WholeFile),
     /// Under its name, passed to the disk again and again.
     Live(DiskSync),
+}
+
+impl Place {
+    /// Passes what was written to the disk, under the recording's name.
+    fn keep(self, storage: &dyn Storage) -> io::Result<()> {
+        match self {
+            Self::Beside(whole) => storage.sync_all().and_then(|()| whole.rename()),
+            Self::Live(sync) => sync.finish().and_then(|()| storage.sync_all()),
+        }
+    }
 }
 
 /// Writer of a recording. Dropping it without [`finish`](Self::finish) leaves nothing of a recording that would appear when
@@ -109,7 +131,7 @@ impl RecordingWriter {
         let path = path.as_ref();
         header.check_readable()?;
         let (whole, file) = WholeFile::create(path, Readers::Usual).map_err(|source| create_error(path, source))?;
-        Self::start(path, Place::Beside(whole), file, header).map_err(|error| write_error(path, error))
+        Self::start(path, Place::Beside(whole), Box::new(file), header).map_err(|error| write_error(path, error))
     }
 
     /// A recording that stands under its name from the beginning, readable by the user alone: what was written survives a crash.
@@ -125,11 +147,11 @@ impl RecordingWriter {
             Ok((Place::Live(DiskSync::of(path)?), file))
         };
         let (place, file) = create().map_err(|source| create_error(path, source))?;
-        Self::start(path, place, file, header).map_err(|error| write_error(path, error))
+        Self::start(path, place, Box::new(file), header).map_err(|error| write_error(path, error))
     }
 
-    fn start(path: &Path, place: Place, file: File, header: &Header) -> McapResult<Self> {
-        let mut output = Output::start(file)?;
+    fn start(path: &Path, place: Place, storage: Box<dyn Storage>, header: &Header) -> McapResult<Self> {
+        let mut output = Output::start(storage)?;
         output.write_header(header)?;
         let frames = output.add_channel(FRAME_CHANNEL, FRAME_TOPIC, FRAME_SCHEMA, DESCRIPTORS)?;
         let raw_poses = output.add_channel(POSE_CHANNEL, POSE_TOPIC, POSE_SCHEMA, DESCRIPTORS)?;
@@ -258,11 +280,8 @@ impl RecordingWriter {
     /// The system refuses the bytes.
     pub fn finish(self) -> Result<RecordingSummary, RecordingError> {
         let Self { path, place, output, summary, .. } = self;
-        let keep = |file: File| match place {
-            Place::Beside(whole) => whole.finish(&file),
-            Place::Live(sync) => sync.finish().and_then(|()| file.sync_all()),
-        };
-        output.end().and_then(|file| Ok(keep(file)?)).map_err(|error| write_error(&path, error))?;
+        let kept = output.end().and_then(|storage| Ok(place.keep(&*storage)?));
+        kept.map_err(|error| write_error(&path, error))?;
         Ok(summary)
     }
 
@@ -278,7 +297,7 @@ impl RecordingWriter {
 }
 
 impl Output {
-    fn start(file: File) -> McapResult<Self> {
+    fn start(storage: Box<dyn Storage>) -> McapResult<Self> {
         let mcap = WriteOptions::new()
             .compression(Some(Compression::Zstd))
             .compression_threads(0)
@@ -286,7 +305,7 @@ impl Output {
             .chunk_size(None)
             // Chunks are assembled in memory and written whole.
             .disable_seeking(true)
-            .create(BufWriter::new(file))?;
+            .create(BufWriter::new(storage))?;
         Ok(Self { mcap, chunk: None })
     }
 
@@ -327,8 +346,8 @@ impl Output {
         self.mcap.flush()
     }
 
-    /// Writes the index; the file, with all bytes passed to the system.
-    fn end(mut self) -> McapResult<File> {
+    /// Writes the index; the storage, with all bytes passed to the system.
+    fn end(mut self) -> McapResult<Box<dyn Storage>> {
         self.mcap.finish()?;
         Ok(self.mcap.into_inner().into_inner().map_err(io::IntoInnerError::into_error)?)
     }
@@ -371,6 +390,10 @@ fn write_error(path: &Path, error: McapError) -> RecordingError {
     };
     RecordingError::Io { doing: "write", path: path.to_owned(), source }
 }
+
+#[cfg(test)]
+#[path = "writer_failure_tests.rs"]
+mod failure_tests;
 
 #[cfg(test)]
 mod tests {
