@@ -121,7 +121,7 @@ impl Beam {
     pub fn amplitude(&self, cos_off_boresight: f64) -> f64 {
         let angle_deg = math::acos(cos_off_boresight.clamp(-1.0, 1.0)).to_degrees();
         let lobe = |half_deg: f64, cut_deg: f64| {
-            if angle_deg > cut_deg { 0.0 } else { math::powf(0.5f64, (angle_deg / half_deg).powi(2)) }
+            if angle_deg > cut_deg { 0.0 } else { math::exp(-std::f64::consts::LN_2 * (angle_deg / half_deg).powi(2)) }
         };
         match self {
             Self::Uniform => 1.0,
