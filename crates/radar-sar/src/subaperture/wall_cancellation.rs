@@ -10,11 +10,13 @@
 //! wall's residual stays below the noise. Tracking does not keep the phase of a strong wall stable
 //! over a whole sub-aperture.
 
+use std::ops::Range;
+
 use num_complex::{Complex32, Complex64};
 
 use crate::geometry::Plane;
 use crate::math;
-use crate::{Observation, PHASE_RAD_PER_M, envelope};
+use crate::{Observation, PHASE_RAD_PER_M};
 
 /// Candidate group lengths, seconds; the longest sufficient one is used. Choice: whole
 /// sub-apertures (up to 0.5 s), a half, a third and a sixth of 90 ms; shorter groups would take
@@ -32,6 +34,8 @@ const MIN_IN_PHASE_SHARE: f64 = 0.7;
 /// parabola interpolates.
 const STEPS: i32 = 4;
 const STEP_M: f64 = 0.02;
+/// The pulse at x widths from its middle is e^(cx²) ([`crate::envelope`]).
+const EXPONENT: f64 = -4.0 * std::f64::consts::LN_2;
 /// Extent of the modelled pulse, in pulse widths. Choice: down to −60 dB, as a wall may be 60 dB
 /// stronger than a chair's leg.
 const REACH_WIDTHS: f64 = 1.6;
@@ -79,12 +83,12 @@ impl<'m> PlaneEcho<'m> {
         if !middle.geometry.axis.contains(distance_m) {
             return None;
         }
-        let range_offset_m = estimate_range_offset_m(sweeps, plane)?;
+        let turned = TurnedSweeps::of(sweeps, plane);
+        let range_offset_m = estimate_range_offset_m(sweeps, &turned)?;
         let noise = noise_rms_lsb.powi(2) * sweeps.len() as f64;
         for group_s in GROUP_LENGTHS_S {
             let groups = groups(sweeps, group_s);
-            let sums: Vec<Sums> =
-                groups.iter().map(|&(first, end)| sums(&sweeps[first..end], plane, range_offset_m)).collect();
+            let sums: Vec<Sums> = groups.iter().map(|group| turned.sums(group, range_offset_m)).collect();
             let energy = sums.iter().map(|sums| sums.energy).sum::<f64>() - noise;
             let noise_in_phase = noise_rms_lsb.powi(2) * groups.len() as f64;
             let in_phase = sums.iter().map(coherent_energy).sum::<f64>() - noise_in_phase;
@@ -93,7 +97,7 @@ impl<'m> PlaneEcho<'m> {
             }
             let is_shortest = group_s == GROUP_LENGTHS_S[GROUP_LENGTHS_S.len() - 1];
             if energy - in_phase <= noise || (is_shortest && in_phase >= MIN_IN_PHASE_SHARE * energy) {
-                let middles = groups.iter().map(|(first, end)| 0.5 * (first + end - 1) as f64);
+                let middles = groups.iter().map(|group| 0.5 * (group.start + group.end - 1) as f64);
                 let amplitudes = sums.iter().map(|sums| sums.in_phase / sums.template.max(1e-12));
                 return Some(Self { plane, range_offset_m, amplitudes: middles.zip(amplitudes).collect() });
             }
@@ -104,12 +108,13 @@ impl<'m> PlaneEcho<'m> {
     fn subtract_from(&self, sweeps: &mut [Observation]) {
         for (k, sweep) in sweeps.iter_mut().enumerate() {
             let amplitude = self.amplitude(k as f64);
-            let mut samples = std::mem::take(&mut sweep.samples);
-            for (n, template) in templates(sweep, self.plane, self.range_offset_m) {
-                let echo = amplitude * template;
-                samples[n] -= Complex32::new(echo.re as f32, echo.im as f32);
+            let template = Template::of(sweep, self.plane);
+            let points = template.points(self.range_offset_m, 0.0);
+            let pulses = template.pulses(points.start, self.range_offset_m);
+            let echo = pulses.zip(template.phases(points.start)).map(|(pulse, phase)| amplitude * phase * pulse);
+            for (sample, echo) in sweep.samples[points].iter_mut().zip(echo) {
+                *sample -= Complex32::new(echo.re as f32, echo.im as f32);
             }
-            sweep.samples = samples;
         }
     }
 
@@ -126,10 +131,10 @@ impl<'m> PlaneEcho<'m> {
 
 /// Offset of the echo's range from the known plane's, metres, positive farther; `None` when the
 /// maximum lies at the edge of the search.
-fn estimate_range_offset_m(sweeps: &[Observation], plane: &Plane) -> Option<f64> {
+fn estimate_range_offset_m(sweeps: &[Observation], turned: &TurnedSweeps) -> Option<f64> {
     let groups = groups(sweeps, GROUP_LENGTHS_S[GROUP_LENGTHS_S.len() - 1]);
     let of_groups = |range_offset_m: f64| -> f64 {
-        groups.iter().map(|&(first, end)| coherent_energy(&sums(&sweeps[first..end], plane, range_offset_m))).sum()
+        groups.iter().map(|group| coherent_energy(&turned.sums(group, range_offset_m))).sum()
     };
     let curve: Vec<f64> = (-STEPS..=STEPS).map(|step| of_groups(f64::from(step) * STEP_M)).collect();
     let best = (0..curve.len()).max_by(|&a, &b| curve[a].total_cmp(&curve[b]))?;
@@ -139,51 +144,119 @@ fn estimate_range_offset_m(sweeps: &[Observation], plane: &Plane) -> Option<f64>
     Some((best as f64 - f64::from(STEPS) + between.clamp(-0.5, 0.5)) * STEP_M)
 }
 
-/// First sweep and end (exclusive) of each group of about `group_s`.
-fn groups(sweeps: &[Observation], group_s: f64) -> Vec<(usize, usize)> {
+/// The sweeps of each group of about `group_s`.
+fn groups(sweeps: &[Observation], group_s: f64) -> Vec<Range<usize>> {
     let span_ns = sweeps[sweeps.len() - 1].mid_time_ns.saturating_sub(sweeps[0].mid_time_ns);
     let count = ((span_ns as f64 * 1e-9 / group_s).round() as usize).clamp(1, sweeps.len().div_ceil(2));
-    (0..count).map(|n| (n * sweeps.len() / count, (n + 1) * sweeps.len() / count)).collect()
-}
-
-fn sums(sweeps: &[Observation], plane: &Plane, range_offset_m: f64) -> Sums {
-    let mut all = Sums::default();
-    for sweep in sweeps {
-        let (mut in_phase, mut template) = (Complex64::ZERO, 0.0);
-        for (n, of_plane) in templates(sweep, plane, range_offset_m) {
-            let Some(sample) = sweep.samples.get(n) else { continue };
-            in_phase += Complex64::new(sample.re.into(), sample.im.into()) * of_plane.conj();
-            template += of_plane.norm_sqr();
-        }
-        all.in_phase += in_phase;
-        all.template += template;
-        all.energy += in_phase.norm_sqr() / template.max(1e-12);
-    }
-    all
+    (0..count).map(|n| n * sweeps.len() / count..(n + 1) * sweeps.len() / count).collect()
 }
 
 fn coherent_energy(sums: &Sums) -> f64 {
     sums.in_phase.norm_sqr() / sums.template.max(1e-12)
 }
 
-/// Template of a plane that returns 1 LSB, at each point of a sweep where it is not negligible:
-/// pulse and phase for the sensor position at the point's own time.
-fn templates(sweep: &Observation, plane: &Plane, range_offset_m: f64) -> impl Iterator<Item = (usize, Complex64)> {
-    let (axis, pulse_fwhm_m) = (sweep.geometry.axis, sweep.geometry.pulse_fwhm_m);
-    let distance_m = |n: usize| {
-        let moved_m = sweep.velocity_m_per_s * sweep.point_time_s(n as f64);
-        plane.distance(sweep.tracking_from_sensor.translation + moved_m)
-    };
-    let (reach_m, middle_m) = (REACH_WIDTHS * pulse_fwhm_m, distance_m(axis.points / 2) + range_offset_m);
-    let first = axis.point_at(middle_m - reach_m).ceil().clamp(0.0, axis.points as f64) as usize;
-    let end = (axis.point_at(middle_m + reach_m).floor() + 1.0).clamp(0.0, axis.points as f64) as usize;
-    let template = move |n: usize| {
-        let distance_m = distance_m(n);
-        let pulse = envelope(pulse_fwhm_m, axis.range_m(n) - distance_m - range_offset_m);
-        (n, math::from_polar(pulse, PHASE_RAD_PER_M * distance_m))
-    };
-    let points: Vec<_> = (first..end.max(first)).map(template).collect();
-    points.into_iter()
+/// Sweeps about a plane's echo, each sample turned back by the phase that the echo would have there: what every offset of the
+/// search has in common.
+struct TurnedSweeps {
+    /// Of each sweep its template, the first point, and where the samples from there on are.
+    sweeps: Vec<(Template, usize, Range<usize>)>,
+    samples: Vec<Complex64>,
+}
+
+impl TurnedSweeps {
+    fn of(sweeps: &[Observation], plane: &Plane) -> Self {
+        let mut turned = Self { sweeps: Vec::with_capacity(sweeps.len()), samples: Vec::new() };
+        for sweep in sweeps {
+            let template = Template::of(sweep, plane);
+            let points = template.points(0.0, f64::from(STEPS + 1) * STEP_M);
+            let (first, start) = (points.start, turned.samples.len());
+            let wide = |sample: &Complex32| Complex64::new(sample.re.into(), sample.im.into());
+            let phases = template.phases(first).map(|phase| phase.conj());
+            let samples = sweep.samples.get(points).unwrap_or_default().iter().map(wide);
+            turned.samples.extend(samples.zip(phases).map(|(sample, phase)| sample * phase));
+            turned.sweeps.push((template, first, start..turned.samples.len()));
+        }
+        turned
+    }
+
+    fn sums(&self, group: &Range<usize>, range_offset_m: f64) -> Sums {
+        let mut all = Sums::default();
+        for (template, first, range) in &self.sweeps[group.clone()] {
+            let points = template.points(range_offset_m, 0.0);
+            let skipped = points.start.saturating_sub(*first).min(range.len());
+            let samples = self.samples[range.clone()][skipped..].iter().take(points.len());
+            let (mut in_phase, mut norm) = (Complex64::ZERO, 0.0);
+            for (sample, pulse) in samples.zip(template.pulses(first + skipped, range_offset_m)) {
+                in_phase += sample * pulse;
+                norm += pulse * pulse;
+            }
+            all.in_phase += in_phase;
+            all.template += norm;
+            all.energy += in_phase.norm_sqr() / norm.max(1e-12);
+        }
+        all
+    }
+}
+
+/// Echo of a plane that returns 1 LSB in one sweep: pulse and phase for the sensor's position at each point's own time. Ranges and
+/// distances are linear in the points, so both follow recurrences over them.
+struct Template {
+    points: usize,
+    pulse_fwhm_m: f64,
+    /// Distance of the plane when the first point is measured, metres, and what each further point adds.
+    distance_m: f64,
+    distance_step_m: f64,
+    /// Range of the first point beyond that distance, metres, and what each further point adds.
+    excess_m: f64,
+    excess_step_m: f64,
+    /// Factor by which the ratio of neighbouring pulse values changes from point to point.
+    ratio_step: f64,
+}
+
+impl Template {
+    fn of(sweep: &Observation, plane: &Plane) -> Self {
+        let (axis, pulse_fwhm_m) = (sweep.geometry.axis, sweep.geometry.pulse_fwhm_m);
+        let at_first = sweep.tracking_from_sensor.translation + sweep.velocity_m_per_s * sweep.point_time_s(0.0);
+        let distance_m = plane.distance(at_first);
+        let distance_step_m = -plane.outward.dot(sweep.velocity_m_per_s) * sweep.geometry.point_period_s;
+        let excess_step_m = axis.step_m - distance_step_m;
+        let x = excess_step_m / pulse_fwhm_m;
+        Self {
+            points: axis.points.min(sweep.samples.len()),
+            pulse_fwhm_m,
+            distance_m,
+            distance_step_m,
+            excess_m: axis.first_m - distance_m,
+            excess_step_m,
+            ratio_step: math::exp(2.0 * EXPONENT * x * x),
+        }
+    }
+
+    /// The points at which the pulse is not negligible, and those up to `more_m` beyond.
+    fn points(&self, range_offset_m: f64, more_m: f64) -> Range<usize> {
+        let reach_m = REACH_WIDTHS * self.pulse_fwhm_m + more_m;
+        let point_at = |excess_m: f64| (excess_m - self.excess_m) / self.excess_step_m;
+        let first = point_at(range_offset_m - reach_m).ceil().clamp(0.0, self.points as f64) as usize;
+        let end = (point_at(range_offset_m + reach_m).floor() + 1.0).clamp(0.0, self.points as f64) as usize;
+        first..end.max(first)
+    }
+
+    /// The pulse from a point on: e^(c(x + s)²) is e^(cx²) times a ratio, which itself changes by the factor e^(2cs²).
+    fn pulses(&self, first: usize, range_offset_m: f64) -> impl Iterator<Item = f64> + use<> {
+        let x = (self.excess_m + first as f64 * self.excess_step_m - range_offset_m) / self.pulse_fwhm_m;
+        let step = self.excess_step_m / self.pulse_fwhm_m;
+        let ratio = math::exp(EXPONENT * step * (2.0 * x + step));
+        let ratio_step = self.ratio_step;
+        let next = move |&(pulse, ratio): &(f64, f64)| Some((pulse * ratio, ratio * ratio_step));
+        std::iter::successors(Some((math::exp(EXPONENT * x * x), ratio)), next).map(|(pulse, _)| pulse)
+    }
+
+    /// The phase from a point on.
+    fn phases(&self, first: usize) -> impl Iterator<Item = Complex64> + use<> {
+        let at_first = PHASE_RAD_PER_M * (self.distance_m + first as f64 * self.distance_step_m);
+        let step = math::from_polar(1.0, PHASE_RAD_PER_M * self.distance_step_m);
+        std::iter::successors(Some(math::from_polar(1.0, at_first)), move |phase| Some(phase * step))
+    }
 }
 
 #[cfg(test)]
@@ -217,6 +290,25 @@ mod tests {
             let known = Plane { offset_m: WALL.offset_m - 0.023, ..WALL };
             let cleaned = coherence(&first_subaperture(&both, &[known]), chair);
             assert!(cleaned > 0.7 * alone && masked < 0.3 * alone, "{masked} {cleaned} {alone} at {snr}");
+        }
+    }
+
+    #[test]
+    fn recurrences_give_pulse_and_phase_of_each_point() {
+        for sweep in sweeps(0.05, winding, &[], 7) {
+            let template = Template::of(&sweep, &WALL);
+            for offset_m in [-0.08, 0.013] {
+                let points = template.points(offset_m, 0.1);
+                assert!(points.len() > 8);
+                let modelled = template.pulses(points.start, offset_m).zip(template.phases(points.start));
+                for (n, (pulse, phase)) in points.zip(modelled) {
+                    let moved_m = sweep.velocity_m_per_s * sweep.point_time_s(n as f64);
+                    let distance_m = WALL.distance(sweep.tracking_from_sensor.translation + moved_m);
+                    let excess_m = sweep.geometry.axis.range_m(n) - distance_m - offset_m;
+                    assert!((pulse - crate::envelope(sweep.geometry.pulse_fwhm_m, excess_m)).abs() < 1e-12);
+                    assert!((phase - math::from_polar(1.0, PHASE_RAD_PER_M * distance_m)).norm() < 1e-10);
+                }
+            }
         }
     }
 
