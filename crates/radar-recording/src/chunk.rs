@@ -4,7 +4,7 @@
 
 use std::borrow::Cow;
 
-use super::record::{ChunkHeader, Fields, chunk_header};
+use super::record::{ChunkHeader, Fields, chunk_header, op};
 
 /// Limit of a record, and of an unpacked chunk, bytes. Choice: chunks are written with about 1 MiB.
 pub(super) const MAX_RECORD_BYTES: usize = 32 << 20;
@@ -27,7 +27,12 @@ pub(super) fn unpack(record: &[u8], mut take: impl FnMut(u8, &[u8])) -> Result<(
     while !rest.0.is_empty() {
         let ([opcode], length) = rest.array().zip(rest.u64()).ok_or("its last record is cut off")?;
         let content = usize::try_from(length).ok().and_then(|length| rest.bytes(length));
-        take(opcode, content.ok_or_else(|| format!("a record in it claims {length} bytes, more than it holds"))?);
+        let content = content.ok_or_else(|| format!("a record in it claims {length} bytes, more than it holds"))?;
+        // A damaged head that takes sound chunks for its content would hide them.
+        if opcode == op::CHUNK {
+            return Err("there is a chunk in it".into());
+        }
+        take(opcode, content);
     }
     Ok(())
 }
@@ -95,6 +100,8 @@ mod tests {
         assert_eq!((opcodes, result.is_err()), (vec![5], true));
         let huge = record(5, u64::MAX, b"x");
         assert!(unpacked(&chunk(&huge, huge.len() as u64)).1.is_err());
+        let nested = record(op::CHUNK, 2, b"ab");
+        assert!(unpacked(&chunk(&nested, nested.len() as u64)).1.unwrap_err().contains("chunk in it"));
         for packed_bytes in [0, 5, 21, u64::MAX] {
             assert!(unpacked(&chunk(&two, packed_bytes)).1.unwrap_err().contains("holds 20"));
         }
