@@ -54,7 +54,9 @@ pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
 pub use log_file::{begin_log_file, log_line, print_line};
 pub use mount_memory::{correction_text, known_mounts};
-pub use platform::{has_own_console, leave_own_console, open_missing_console, refine_timers};
+pub use platform::{
+    has_own_console, leave_own_console, limit_memory_of_this_process, open_missing_console, refine_timers,
+};
 pub use pose_tail::{PoseTail, PoseTailCounters};
 pub use printable::printable;
 pub use priority::{lower_priority_of_this_thread, raise_priority_of_this_thread};

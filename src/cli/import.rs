@@ -2,14 +2,20 @@
 //! recordings, with poses of any tracker.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 
 use super::files::ReplaceArgument;
+use crate::app::limit_memory_of_this_process;
 use radar_recording::{ImportOptions, import_h5};
 use radar_sar::HistorySettings;
 use radar_sar::geometry::Pose;
+
+/// Limit of the process that reads the file, bytes. Choice: three times the gibibyte that is read at most (file, samples, frames),
+/// and what the allocator reserves.
+const MAX_MEMORY_BYTES: u64 = 5 << 30;
 
 /// Converts a recording of the vendor's exploration tool and a pose track into a recording
 ///
@@ -46,10 +52,37 @@ pub(super) struct Import {
     out: PathBuf,
     #[command(flatten)]
     replace: ReplaceArgument,
+    /// This is the process that reads the file
+    #[arg(long, hide = true)]
+    isolated: bool,
 }
 
 impl Import {
+    /// The reader of .h5 files is a large library that gets untrusted bytes: it works in a process of its own, whose end and whose
+    /// memory are its own.
     pub fn run(&self) -> Result<()> {
+        if self.isolated {
+            limit_memory_of_this_process(MAX_MEMORY_BYTES).context("cannot limit this process' memory")?;
+            return self.import();
+        }
+        let program = std::env::current_exe().context("cannot find this program's own file")?;
+        let mut reader = Command::new(&program);
+        reader.args(["import", "--isolated"]).args(std::env::args_os().skip(2));
+        let status = reader.status().with_context(|| format!("cannot start {}", program.display()))?;
+        match status.code() {
+            Some(0) => Ok(()),
+            // It has said why.
+            Some(code @ (1 | 2)) => std::process::exit(code),
+            _ => bail!(
+                "the reader of .h5 files ended abruptly ({status}): {} is damaged, or needs more than {} GiB of memory; nothing \
+                 was written",
+                self.frames.display(),
+                MAX_MEMORY_BYTES >> 30
+            ),
+        }
+    }
+
+    fn import(&self) -> Result<()> {
         let inputs: Vec<&Path> = std::iter::once(&self.frames).chain(&self.poses).map(PathBuf::as_path).collect();
         self.replace.check(&self.out, &inputs)?;
         let mut options = ImportOptions::default();

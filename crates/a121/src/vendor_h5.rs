@@ -188,6 +188,8 @@ impl VendorRecording {
         too_big_unless(metadata.len() <= MAX_BYTES, path, "the file", metadata.len(), MAX_BYTES)?;
         // Read here, to separate errors of the system from errors of the parser.
         let mut bytes = Vec::new();
+        // As long as it is, and not twice that on the way there.
+        bytes.try_reserve_exact(metadata.len() as usize + 1).map_err(|error| io_error(error.into()))?;
         let file = std::fs::File::open(path).map_err(io_error)?;
         file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io_error)?;
         // The file is untrusted and the parser is a third-party crate: a panic in it counts as an

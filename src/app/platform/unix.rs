@@ -33,6 +33,17 @@ pub fn exit_now(code: i32) -> ! {
     signal_hook::low_level::exit(code)
 }
 
+/// From now on the process gets no more memory than this; an allocation beyond it ends the process.
+///
+/// # Errors
+/// The system refuses.
+pub fn limit_memory_of_this_process(bytes: u64) -> std::io::Result<()> {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    // One that is lower already stays.
+    let limit = Some(getrlimit(Resource::Data).maximum.map_or(bytes, |most| most.min(bytes)));
+    Ok(setrlimit(Resource::Data, Rlimit { current: limit, maximum: limit })?)
+}
+
 /// Processor time of the calling thread, nanoseconds.
 pub fn thread_cpu_ns() -> i64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);

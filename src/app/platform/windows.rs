@@ -12,6 +12,10 @@ use windows_sys::Win32::System::Console::{
     AllocConsole, CTRL_BREAK_EVENT, CTRL_C_EVENT, FreeConsole, GetConsoleProcessList, GetStdHandle, STD_ERROR_HANDLE,
     STD_INPUT_HANDLE, STD_OUTPUT_HANDLE, SetConsoleCtrlHandler, SetStdHandle,
 };
+use windows_sys::Win32::System::JobObjects::{
+    AssignProcessToJobObject, CreateJobObjectW, JOB_OBJECT_LIMIT_PROCESS_MEMORY, JOBOBJECT_EXTENDED_LIMIT_INFORMATION,
+    JobObjectExtendedLimitInformation, SetInformationJobObject,
+};
 use windows_sys::Win32::System::LibraryLoader::GetModuleHandleW;
 use windows_sys::Win32::System::Threading::{
     GetCurrentProcess, GetCurrentThread, GetThreadTimes, PROCESS_POWER_THROTTLING_CURRENT_VERSION,
@@ -114,6 +118,27 @@ pub fn exit_now(code: i32) -> ! {
     // SAFETY: the pseudo-handle of this process, which is always valid.
     unsafe { TerminateProcess(GetCurrentProcess(), code as u32) };
     std::process::exit(code)
+}
+
+/// From now on the process gets no more memory than this; an allocation beyond it ends the process.
+///
+/// # Errors
+/// The system refuses.
+pub fn limit_memory_of_this_process(bytes: u64) -> std::io::Result<()> {
+    let refused = |done: BOOL| if done == 0 { Err(std::io::Error::last_os_error()) } else { Ok(()) };
+    let mut limits = JOBOBJECT_EXTENDED_LIMIT_INFORMATION {
+        ProcessMemoryLimit: usize::try_from(bytes).unwrap_or(usize::MAX),
+        ..Default::default()
+    };
+    limits.BasicLimitInformation.LimitFlags = JOB_OBJECT_LIMIT_PROCESS_MEMORY;
+    // SAFETY: a job without name and with the usual rights; a structure of the kind that is named, with its size; the process' own
+    // handle. The job lasts as long as the process in it.
+    unsafe {
+        let job = CreateJobObjectW(null(), null());
+        let length = size_of_val(&limits) as u32;
+        refused(SetInformationJobObject(job, JobObjectExtendedLimitInformation, (&raw const limits).cast(), length))?;
+        refused(AssignProcessToJobObject(job, GetCurrentProcess()))
+    }
 }
 
 /// Processor time of the calling thread, nanoseconds. The system counts it at its clock's interrupts, so short pieces of work
