@@ -130,7 +130,9 @@ impl Recording {
                 self.content.damage.checksum_differs |= self.source.checksum_differs(Fields(&record).u32());
             }
             FetchedRecord::Record(op::FOOTER, record) if record.len() == FOOTER_BYTES => {
-                self.end_early(format!("the end of the data is not marked before byte {at}"));
+                if self.go_on_behind(at, None, "there is what looks like the end").is_none() {
+                    self.end_early(format!("the end of the data is not marked before byte {at}"));
+                }
             }
             // Messages are in chunks alone.
             FetchedRecord::Record(opcode, record)
@@ -148,21 +150,30 @@ impl Recording {
         }
     }
 
-    /// Only the index follows the data.
+    /// Only the index follows the data; where a chunk does, the data had not ended.
     fn take_behind_data(&mut self, fetched: FetchedRecord) {
         let at = self.source.record_start;
-        match fetched {
+        let reason = match fetched {
             FetchedRecord::Record(op::FOOTER, record) if record.len() == FOOTER_BYTES => {
                 let stated = Fields(&record[FOOTER_BYTES - CHECKSUM_BYTES..]).u32();
                 let is_sound = !self.source.checksum_differs(stated) && self.source.ends_properly();
                 self.content.damage.index_damaged |= !is_sound;
                 self.ended = true;
+                return;
             }
-            FetchedRecord::Record(op::STATISTICS, record) => self.stated = message_counts(&record),
-            FetchedRecord::Record(..) => {}
-            FetchedRecord::Cut => self.end_early(format!("the file ends in the middle of a record at byte {at}")),
-            FetchedRecord::End => self.end_early(format!("the file ends at byte {at} without its closing index")),
-            FetchedRecord::Broken(reason) => self.end_early(format!("reading stopped at byte {at}: {reason}")),
+            FetchedRecord::Record(op::STATISTICS, record) => {
+                self.stated = message_counts(&record);
+                return;
+            }
+            FetchedRecord::Record(opcode, _) if opcode != op::CHUNK => return,
+            FetchedRecord::Record(..) => "the data goes on behind what looks like its end".to_owned(),
+            FetchedRecord::Cut => format!("the file ends in the middle of a record at byte {at}"),
+            FetchedRecord::End => format!("the file ends at byte {at} without its closing index"),
+            FetchedRecord::Broken(reason) => format!("reading stopped at byte {at}: {reason}"),
+        };
+        match self.go_on_behind(at, None, &reason) {
+            Some(_) => self.data_ended = false,
+            None => self.end_early(reason),
         }
     }
 

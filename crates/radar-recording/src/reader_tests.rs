@@ -351,6 +351,27 @@ fn no_flipped_bit_behind_the_data_goes_unnoticed_or_costs_an_event() {
 }
 
 #[test]
+fn what_looks_like_the_end_costs_nothing_behind_it() {
+    let written = events(2);
+    let mut bytes = recorded(&written);
+    let topics = content_of(&bytes, op::CHUNK, 8) - 9;
+    for (opcode, length) in [(op::FOOTER, 20), (op::DATA_END, 4)] {
+        bytes[topics..topics + 9].copy_from_slice(&[opcode, length, 0, 0, 0, 0, 0, 0, 0]);
+        let (found, recording) = read(&bytes).unwrap();
+        assert_same(&found, &written);
+        let damage = recording.damage();
+        assert!(damage.ended_early.is_none() && damage.bytes_skipped > 0, "{opcode}: {damage}");
+    }
+    // Between two chunks.
+    let bytes = recorded(&written);
+    let chunk = chunks(&bytes)[2].0.start;
+    let data_end = [&[op::DATA_END, 4][..], &[0; 11]].concat();
+    let (found, recording) = read(&[&bytes[..chunk], &data_end, &bytes[chunk..]].concat()).unwrap();
+    assert_same(&found, &written);
+    assert!(!recording.damage().is_none() && recording.damage().ended_early.is_none());
+}
+
+#[test]
 fn topics_are_known_with_a_damaged_declaration() {
     let written = events(2);
     let mut bytes = recorded(&written);
