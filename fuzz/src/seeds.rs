@@ -3,15 +3,17 @@
 use std::path::Path;
 
 use a121::{Frame, SensorConfig, Subsweep};
+use glam::{DMat3, DVec3};
 use hdf5_pure::{CompoundTypeBuilder, FileBuilder};
 use num_complex::Complex;
 use radar_chaperone::settings::Settings;
-use radar_mapping::Event;
-use radar_recording::{Header, RecordingWriter};
+use radar_mapping::{Event, SavedMap, SavedPoint, SavedWall};
+use radar_recording::{Header, MapFile, RecordingWriter};
 use radar_sar::PoseSample;
-use radar_sar::geometry::Pose;
+use radar_sar::geometry::{Aabb, Plane, Pose};
 
 use crate::board::{Board, result, setup};
+use crate::file::temp_path;
 
 /// Writes a target's seeds to the directory in the environment variable `SEEDS`, if set.
 pub fn write(target: &str) {
@@ -25,6 +27,9 @@ pub fn write(target: &str) {
         }
         "settings" => settings(),
         "vendor_h5" => vec![vendor_h5(3), vendor_h5(0)],
+        "events" => events(),
+        "map" => vec![map()],
+        "recover" => edits(),
         _ => panic!("no target {target}"),
     };
     for (index, seed) in seeds.iter().enumerate() {
@@ -87,16 +92,68 @@ fn config() -> SensorConfig {
 
 /// A complete and a truncated recording.
 fn recordings() -> Vec<Vec<u8>> {
-    let path = std::env::temp_dir().join(format!("radar-chaperone-seed-{}", std::process::id()));
+    let whole = recording(4);
+    vec![whole[..whole.len() * 2 / 3].to_vec(), whole]
+}
+
+/// A recording of several chunks.
+pub fn long_recording() -> Vec<u8> {
+    recording(500)
+}
+
+fn recording(frames: i64) -> Vec<u8> {
+    let path = temp_path("-seed");
     let mut writer = RecordingWriter::create(&path, &Header::new("a seed", config(), Pose::IDENTITY)).expect("a file");
-    for index in 0..4 {
+    for index in 0..frames {
         writer.write(&Event::Frame(frame(index))).expect("a frame");
         writer.write(&Event::Pose(PoseSample::valid(index * 15_000_000, &Pose::IDENTITY))).expect("a pose");
     }
     writer.finish().expect("a recording");
     let whole = std::fs::read(&path).expect("a recording");
     std::fs::remove_file(&path).expect("a recording");
-    vec![whole[..whole.len() * 2 / 3].to_vec(), whole]
+    whole
+}
+
+/// A sound stream with each kind of fault in it, and one with its times alone wrong.
+fn events() -> Vec<Vec<u8>> {
+    let far = i64::MAX.to_le_bytes();
+    let nan = f64::NAN.to_bits().to_le_bytes();
+    let faults = [&[2, 9, 0, 3, 4][..], &nan, &[1, 4], &nan, &[7, 7], &nan].concat();
+    let times = [&[5][..], &far, &[6], &far, &[5], &[0; 8], &[6], &[0; 8]].concat();
+    [faults, times].map(|wrong| [&[0, 100][..], &wrong, &[0, 100]].concat()).into()
+}
+
+/// A map of an obstacle and a wall.
+fn map() -> Vec<u8> {
+    let path = temp_path("-seed");
+    let point = SavedPoint {
+        id: 3,
+        position_m: DVec3::new(0.3, 0.5, -1.5),
+        covariance_m2: DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4)),
+        score: 8.5,
+        strengths: std::array::from_fn(|side| side as f64),
+        shape: vec![(DVec3::new(0.3, 0.3, 0.0), 7.5)],
+        first_ns: -1_000_000_007,
+        last_ns: -5,
+    };
+    let wall = SavedWall {
+        id: 1,
+        plane: Plane { outward: DVec3::new(0.6, 0.0, -0.8), offset_m: 2.0 },
+        score: 20.0,
+        seen_at: Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE },
+        first_ns: -9,
+        last_ns: -4,
+    };
+    let map = SavedMap { places: vec![point], walls: vec![wall] };
+    MapFile::new(7, 1.0, Pose::IDENTITY, map).write(&path).expect("a map");
+    let bytes = std::fs::read(&path).expect("a map");
+    std::fs::remove_file(&path).expect("a map");
+    bytes
+}
+
+/// Each kind of edit.
+fn edits() -> Vec<Vec<u8>> {
+    vec![vec![], vec![9, 80, 0, 3], vec![0, 40, 1, 255, 0, 90, 2, 200], vec![7, 120, 3, 4, 1, 2, 3, 4]]
 }
 
 fn settings() -> Vec<Vec<u8>> {
