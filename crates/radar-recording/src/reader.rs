@@ -40,6 +40,9 @@ pub struct Recording {
     stated: Option<BTreeMap<u16, u64>>,
 }
 
+/// Why reading goes on where the data seemed to have ended.
+const GOES_ON: &str = "the data goes on behind what looks like its end";
+
 /// Content of the chunks read so far.
 #[derive(Debug)]
 pub(super) struct Content {
@@ -116,10 +119,14 @@ impl Recording {
 
     fn read_next_record(&mut self) {
         let fetched = self.pending.take().unwrap_or_else(|| self.source.fetch());
-        if self.data_ended {
-            return self.take_behind_data(fetched);
-        }
         let at = self.source.record_start;
+        if self.data_ended {
+            if !matches!(fetched, FetchedRecord::Record(op::CHUNK, _)) {
+                return self.take_behind_data(fetched);
+            }
+            self.data_ended = false;
+            self.content.damage.skip(0, format!("at byte {at}, {GOES_ON}"));
+        }
         match fetched {
             FetchedRecord::Record(op::CHUNK, record) => match self.content.take_chunk(&record) {
                 Ok(()) => self.source.sound_until = self.source.offset,
@@ -153,26 +160,35 @@ impl Recording {
     /// Only the index follows the data; where a chunk does, the data had not ended.
     fn take_behind_data(&mut self, fetched: FetchedRecord) {
         let at = self.source.record_start;
+        let mut is_end = false;
         let reason = match fetched {
             FetchedRecord::Record(op::FOOTER, record) if record.len() == FOOTER_BYTES => {
                 let stated = Fields(&record[FOOTER_BYTES - CHECKSUM_BYTES..]).u32();
-                let is_sound = !self.source.checksum_differs(stated) && self.source.ends_properly();
-                self.content.damage.index_damaged |= !is_sound;
-                self.ended = true;
-                return;
+                self.content.damage.index_damaged |= self.source.checksum_differs(stated);
+                self.ended = self.source.ends_properly();
+                if self.ended {
+                    return;
+                }
+                is_end = true;
+                GOES_ON.to_owned()
             }
             FetchedRecord::Record(op::STATISTICS, record) => {
                 self.stated = message_counts(&record);
                 return;
             }
-            FetchedRecord::Record(opcode, _) if opcode != op::CHUNK => return,
-            FetchedRecord::Record(..) => "the data goes on behind what looks like its end".to_owned(),
+            // The index of the chunks names their compression, as their heads do.
+            FetchedRecord::Record(opcode, record) if opcode == op::CHUNK_INDEX || !holds_chunk(&record) => {
+                self.content.damage.index_damaged |= opcode == op::DATA_END;
+                return;
+            }
+            FetchedRecord::Record(..) => GOES_ON.to_owned(),
             FetchedRecord::Cut => format!("the file ends in the middle of a record at byte {at}"),
             FetchedRecord::End => format!("the file ends at byte {at} without its closing index"),
             FetchedRecord::Broken(reason) => format!("reading stopped at byte {at}: {reason}"),
         };
         match self.go_on_behind(at, None, &reason) {
             Some(_) => self.data_ended = false,
+            None if is_end => (self.content.damage.index_damaged, self.ended) = (true, true),
             None => self.end_early(reason),
         }
     }

@@ -352,7 +352,7 @@ fn no_flipped_bit_behind_the_data_goes_unnoticed_or_costs_an_event() {
 
 #[test]
 fn what_looks_like_the_end_costs_nothing_behind_it() {
-    let written = events(2);
+    let written = events(4);
     let mut bytes = recorded(&written);
     let topics = content_of(&bytes, op::CHUNK, 8) - 9;
     for (opcode, length) in [(op::FOOTER, 20), (op::DATA_END, 4)] {
@@ -362,13 +362,35 @@ fn what_looks_like_the_end_costs_nothing_behind_it() {
         let damage = recording.damage();
         assert!(damage.ended_early.is_none() && damage.bytes_skipped > 0, "{opcode}: {damage}");
     }
-    // Between two chunks.
+    // Between two chunks, and before the end itself: an end of the data of the right and of a wrong length, with a footer behind it,
+    // and with a record that takes the next chunk for its content.
     let bytes = recorded(&written);
-    let chunk = chunks(&bytes)[2].0.start;
+    let found_chunks = chunks(&bytes);
+    let (chunk, next) = (&found_chunks[2].0, &found_chunks[3].0);
     let data_end = [&[op::DATA_END, 4][..], &[0; 11]].concat();
-    let (found, recording) = read(&[&bytes[..chunk], &data_end, &bytes[chunk..]].concat()).unwrap();
-    assert_same(&found, &written);
-    assert!(!recording.damage().is_none() && recording.damage().ended_early.is_none());
+    let wrong_length = [&[op::DATA_END, 5][..], &[0; 12]].concat();
+    let footer = [&data_end[..], &[op::FOOTER, 20], &[0; 27]].concat();
+    let swallow = [&data_end[..], &[7], &((next.end - next.start) as u64).to_le_bytes()].concat();
+    let end = content_of(&bytes, op::DATA_END, found_chunks.last().unwrap().0.end) - 9;
+    for (n, inserted) in [data_end.clone(), wrong_length, footer, swallow].iter().enumerate() {
+        for at in [chunk.start, next.start, end] {
+            let (found, recording) = read(&[&bytes[..at], inserted, &bytes[at..]].concat()).unwrap();
+            let place = format!("{n} at {at}: {}", recording.damage());
+            assert_same(&found, &written);
+            assert!(!recording.damage().is_none(), "{place}");
+            assert!(recording.damage().ended_early.is_none() || at == end, "{place}");
+        }
+    }
+    // Nor does it hide the damage of what follows.
+    let mut harmed = [&bytes[..chunk.start], &data_end, &bytes[chunk.start..]].concat();
+    harmed[data_end.len() + chunk.end - 40] ^= 1;
+    let (found, recording) = read(&harmed).unwrap();
+    assert!(found.len() < written.len() && found.len() + 62 > written.len());
+    assert_eq!((recording.damage().chunks_damaged, recording.damage().ended_early.clone()), (1, None));
+    // One recording behind another.
+    let (found, recording) = read(&[&bytes[..], &bytes[..]].concat()).unwrap();
+    assert_eq!(found.len(), 2 * written.len());
+    assert!(recording.damage().bytes_skipped > 0);
 }
 
 #[test]

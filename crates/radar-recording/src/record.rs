@@ -13,6 +13,7 @@ pub(super) mod op {
     pub const CHANNEL: u8 = 0x04;
     pub const MESSAGE: u8 = 0x05;
     pub const CHUNK: u8 = 0x06;
+    pub const CHUNK_INDEX: u8 = 0x08;
     pub const STATISTICS: u8 = 0x0B;
     pub const METADATA: u8 = 0x0C;
     pub const DATA_END: u8 = 0x0F;

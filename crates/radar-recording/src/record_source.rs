@@ -146,19 +146,19 @@ impl RecordSource {
         self.record_start = self.offset;
         let head = read_up_to(&mut self.input, 9)?;
         self.offset += head.len() as u64;
-        // One checksum is over what comes before the end of the data, one over what follows up to itself, in the footer.
-        let counted_bytes = match head.first() {
-            Some(&op::DATA_END) => 0,
-            Some(&op::FOOTER) => head.len() + FOOTER_BYTES - CHECKSUM_BYTES,
-            _ => usize::MAX,
-        };
-        self.count(&head[..head.len().min(counted_bytes)]);
         let mut fields = Fields(&head);
         let (opcode, length) = match (fields.array(), fields.u64()) {
             (Some([opcode]), Some(length)) => (opcode, length),
             (None, _) => return Ok(FetchedRecord::End),
             (Some(_), None) => return Ok(FetchedRecord::Cut),
         };
+        // One checksum is over what comes before the end of the data, one over what follows up to itself, in the footer.
+        let counted_bytes = match (opcode, length) {
+            (op::DATA_END, length) if length == CHECKSUM_BYTES as u64 => 0,
+            (op::FOOTER, length) if length == FOOTER_BYTES as u64 => head.len() + FOOTER_BYTES - CHECKSUM_BYTES,
+            _ => usize::MAX,
+        };
+        self.count(&head[..head.len().min(counted_bytes)]);
         if opcode == op::INVALID {
             return Ok(FetchedRecord::Broken("there are zeros where a record should begin".into()));
         }
