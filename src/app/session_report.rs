@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
 use radar_mapping::MountInUse;
-use radar_recording::{Readers, write_whole};
+use radar_recording::{Readers, write_whole_through_links};
 
 use super::{
     Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters, WarningOutput,
@@ -84,7 +84,7 @@ impl SessionReport {
             "drift_m": self.drift_m,
             "reconstruction": reconstruction,
         });
-        write_whole(path, format!("{report:#}\n").as_bytes(), Readers::Usual)
+        write_whole_through_links(path, format!("{report:#}\n").as_bytes(), Readers::Usual)
             .with_context(|| format!("cannot write {}", path.display()))
     }
 }

@@ -12,7 +12,7 @@ use num_complex::Complex;
 
 use a121::device::{Board, Device, DeviceCounters, FaultPlan, FrameRequest, SampleSource, ServeAddress, Server};
 use a121::monotonic_ns;
-use radar_recording::{Readers, write_whole};
+use radar_recording::{Readers, write_whole_through_links};
 use radar_sar::geometry::Pose;
 use radar_simulation::{LiveScenario, Scenario};
 
@@ -102,7 +102,7 @@ impl Serve {
         let poses = Poses { live: live.clone(), origin_ns, offset_ns };
         if let (Some(path), Some(duration_s)) = (&self.track_out, duration_s) {
             let text = poses.clone().whole_track(duration_s);
-            write_whole(path, text.as_bytes(), Readers::Usual)
+            write_whole_through_links(path, text.as_bytes(), Readers::Usual)
                 .with_context(|| format!("cannot write {}", path.display()))?;
         }
         let source = RoomSamples { live: live.clone(), origin_ns };

@@ -94,5 +94,5 @@ pub use results::{BeamCone, OffsetEstimate, ResultsCounters, ResultsWriter, Snap
 pub use small_file::{MAX_SMALL_BYTES, read_small_text};
 pub use summary::{RecordingSummary, SparsePoses, StreamSummary};
 pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};
-pub use whole_file::{Readers, WholeFile, create_new, write_whole};
+pub use whole_file::{Readers, WholeFile, create_new, write_whole, write_whole_through_links};
 pub use writer::RecordingWriter;

@@ -73,7 +73,7 @@ impl Drop for WholeFile {
     }
 }
 
-/// Writes a whole file, and makes its folder if need be. A device or a pipe is written to as it is.
+/// Writes a whole file, and makes its folder if need be. A device or a pipe is written to as it is; a link is replaced.
 ///
 /// # Errors
 /// The system refuses; what was there before remains.
@@ -87,6 +87,14 @@ pub fn write_whole(path: &Path, bytes: &[u8], readers: Readers) -> io::Result<()
     let (whole, mut file) = WholeFile::create(path, readers)?;
     file.write_all(bytes)?;
     whole.finish(&file)
+}
+
+/// As [`write_whole`], for a file that the user names: a link stays, and what it leads to is replaced.
+///
+/// # Errors
+/// As [`write_whole`].
+pub fn write_whole_through_links(path: &Path, bytes: &[u8], readers: Readers) -> io::Result<()> {
+    write_whole(&fs::canonicalize(path).unwrap_or_else(|_| path.to_owned()), bytes, readers)
 }
 
 /// Creates a file that is not there yet.
@@ -184,6 +192,11 @@ mod tests {
             write_whole(link, b"two", Readers::Usual).unwrap();
             assert_eq!((fs::read(&origin).unwrap(), fs::read(link).unwrap()), (b"one".to_vec(), b"two".to_vec()));
         }
+        fs::remove_file(&soft).unwrap();
+        std::os::unix::fs::symlink(&origin, &soft).unwrap();
+        write_whole_through_links(&soft, b"three", Readers::Usual).unwrap();
+        assert!(fs::symlink_metadata(&soft).unwrap().is_symlink());
+        assert_eq!((fs::read(&origin).unwrap(), fs::read(&hard).unwrap()), (b"three".to_vec(), b"two".to_vec()));
         fs::remove_dir_all(&folder).unwrap();
     }
 
