@@ -74,10 +74,11 @@ impl Import {
             // It has said why.
             Some(code @ (1 | 2)) => std::process::exit(code),
             _ => bail!(
-                "the reader of .h5 files ended abruptly ({status}): {} is damaged, or needs more than {} GiB of memory; nothing \
-                 was written",
+                "the reader of .h5 files ended abruptly ({status}): {} is damaged, or needs more than {} GiB of memory; {} \
+                 was not written",
                 self.frames.display(),
-                MAX_MEMORY_BYTES >> 30
+                MAX_MEMORY_BYTES >> 30,
+                self.out.display()
             ),
         }
     }

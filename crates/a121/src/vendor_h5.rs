@@ -188,7 +188,7 @@ impl VendorRecording {
         too_big_unless(metadata.len() <= MAX_BYTES, path, "the file", metadata.len(), MAX_BYTES)?;
         // Read here, to separate errors of the system from errors of the parser.
         let mut bytes = Vec::new();
-        // As long as it is, and not twice that on the way there.
+        // As long as it is, and one more in which its end is found: growing on the way takes up to three times that.
         bytes.try_reserve_exact(metadata.len() as usize + 1).map_err(|error| io_error(error.into()))?;
         let file = std::fs::File::open(path).map_err(io_error)?;
         file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(io_error)?;

@@ -39,9 +39,10 @@ pub fn exit_now(code: i32) -> ! {
 /// The system refuses.
 pub fn limit_memory_of_this_process(bytes: u64) -> std::io::Result<()> {
     use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-    // One that is lower already stays.
-    let limit = Some(getrlimit(Resource::Data).maximum.map_or(bytes, |most| most.min(bytes)));
-    Ok(setrlimit(Resource::Data, Rlimit { current: limit, maximum: limit })?)
+    // Limits that are lower already stay. Counted is what the process may write to, with what the allocator reserves.
+    let now = getrlimit(Resource::Data);
+    let least = |now: Option<u64>| Some(now.map_or(bytes, |now| now.min(bytes)));
+    Ok(setrlimit(Resource::Data, Rlimit { current: least(now.current), maximum: least(now.maximum) })?)
 }
 
 /// Processor time of the calling thread, nanoseconds.

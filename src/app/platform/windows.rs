@@ -135,6 +135,9 @@ pub fn limit_memory_of_this_process(bytes: u64) -> std::io::Result<()> {
     // handle. The job lasts as long as the process in it.
     unsafe {
         let job = CreateJobObjectW(null(), null());
+        if job.is_null() {
+            return Err(std::io::Error::last_os_error());
+        }
         let length = size_of_val(&limits) as u32;
         refused(SetInformationJobObject(job, JobObjectExtendedLimitInformation, (&raw const limits).cast(), length))?;
         refused(AssignProcessToJobObject(job, GetCurrentProcess()))
