@@ -7,7 +7,7 @@
 use std::ffi::{c_int, c_long};
 use std::process::ExitCode;
 
-use libmimalloc_sys::{mi_option_get, mi_option_set};
+use libmimalloc_sys::{mi_option_get, mi_option_set_default};
 
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -20,13 +20,13 @@ const PURGE_DELAY_UNSET_MS: c_long = 1000;
 /// most 240.
 const PURGE_DELAY_MS: c_long = 10_000;
 
-/// Sets what is not set in the environment. Options have no names in the allocator's interface: a version that has another one
-/// by this number has another value there.
+/// Sets what the environment does not. Options have no names in the allocator's interface: where this number has another value,
+/// it may be another option, and nothing is set.
 fn keep_freed_memory() {
     // SAFETY: the calls take numbers alone; they are not thread-safe, and there is no other thread yet.
     unsafe {
         if mi_option_get(PURGE_DELAY) == PURGE_DELAY_UNSET_MS {
-            mi_option_set(PURGE_DELAY, PURGE_DELAY_MS);
+            mi_option_set_default(PURGE_DELAY, PURGE_DELAY_MS);
         }
     }
 }
