@@ -1,6 +1,6 @@
 //! The whole pipeline on a stream of events with wrong times, numbers and lengths.
 //!
-//! Checks: no panic, no hang; memory is bounded; the scene has finite numbers; frames of a wrong length change nothing: without
+//! Checks: no panic, no hang; memory is bounded; obstacles have finite positions and evidence; frames of a wrong length change nothing: without
 //! them the map is the same.
 #![no_main]
 
