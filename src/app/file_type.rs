@@ -14,9 +14,9 @@ pub use registry::{add_file_type, remove_file_type};
 mod desktop {
     use std::process::{Command, Stdio};
 
-    use super::*;
     use radar_recording::{Readers, write_whole};
 
+    use super::*;
     use crate::app::folders::user_folder;
 
     /// Registers `program`; returns where.
