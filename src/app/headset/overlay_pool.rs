@@ -2,12 +2,13 @@
 //! long as the session, each assigned to an obstacle while it has a warning.
 //!
 //! An obstacle keeps its overlay, so that nothing jumps between overlays. An overlay without an
-//! obstacle is hidden, not destroyed, and keeps its picture: there are more overlays than are shown at
-//! once, so an obstacle that is near again mostly finds its own. A picture is passed to the runtime
-//! only when it has changed. The runtime copies it on our queue later, so the last few stay alive.
+//! obstacle is hidden, not destroyed, and the runtime keeps its copy of the picture: there are more
+//! overlays than are shown at once, so an obstacle that is near again mostly finds its own. A picture
+//! is passed to the runtime only when it has changed. The runtime copies it on our queue later, so
+//! the last few stay alive, until the overlay has been hidden for a while.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use crate::openvr::{OpenVrError, Overlay, Runtime, Universe, VulkanDevice};
 use crate::render::{Quad, QuadKind};
@@ -15,12 +16,13 @@ use radar_sar::geometry::Pose;
 
 /// Number of overlays shown at once. Choice: the runtime's compositor draws each of them for each eye.
 pub(super) const MAX_SHOWN: usize = 8;
-/// Number of overlays, made as they are needed. Choice: the panels and footprints of half a furnished room, and a quarter of the 128
-/// that a runtime has room for (OpenVR, k_unMaxOverlayCount).
-const MAX_OVERLAYS: usize = 32;
-/// Pictures per overlay kept alive after they were replaced. Choice: the copy of one may be pending
-/// when the next is passed; one more in reserve.
-const RETAINED_PICTURES: usize = 2;
+/// Number of overlays, made as they are needed. Choice: twice what is shown at once; the runtime keeps a picture for each.
+const MAX_OVERLAYS: usize = 2 * MAX_SHOWN;
+/// Pictures per overlay kept alive. Choice: the copy of one may be pending when the next is passed;
+/// one more in reserve.
+const RETAINED_PICTURES: usize = 3;
+/// Calls after which the pictures of a hidden overlay are no longer kept alive. Choice: a second of frames, far more than a copy takes.
+const RELEASED_AFTER_CALLS: u64 = 90;
 /// Steps of brightness, to save calls of the runtime. Choice: those of an 8-bit display; finer ones
 /// cannot be seen.
 const ALPHA_STEPS: f32 = 255.0;
@@ -37,8 +39,16 @@ struct PooledOverlay {
     assigned_to: Option<QuadKey>,
     /// Number of the call in which it was shown last.
     shown_at: u64,
-    texture: Option<Arc<wgpu::Texture>>,
-    replaced: VecDeque<Arc<wgpu::Texture>>,
+    /// The picture of which the runtime has a copy.
+    picture: Option<CopiedPicture>,
+    /// Pictures that the runtime may still be copying; the newest is last.
+    retained: VecDeque<Arc<wgpu::Texture>>,
+}
+
+/// The picture that an overlay was given last. It may have been dropped since.
+struct CopiedPicture {
+    texture: Weak<wgpu::Texture>,
+    size: Size,
 }
 
 /// A pool of overlays.
@@ -80,8 +90,8 @@ impl OverlayPool {
             overlay,
             assigned_to: None,
             shown_at: 0,
-            texture: None,
-            replaced: VecDeque::new(),
+            picture: None,
+            retained: VecDeque::new(),
         });
         Ok(())
     }
@@ -122,6 +132,9 @@ impl OverlayPool {
         }
         for (slot, _) in self.slots.iter_mut().zip(&lent).filter(|(_, quad)| quad.is_none()) {
             refused = slot.overlay.hide().err().or(refused);
+            if slot.shown_at + RELEASED_AFTER_CALLS < self.calls {
+                slot.retained.clear();
+            }
         }
         for (slot, quad) in self.slots.iter_mut().zip(&lent) {
             let Some(quad) = quad.and_then(|index| quads.get(index)) else { continue };
@@ -145,20 +158,20 @@ impl OverlayPool {
     /// Drops all pictures after the device was lost.
     pub fn drop_pictures(&mut self) {
         for slot in &mut self.slots {
-            slot.texture = None;
-            slot.replaced.clear();
+            slot.picture = None;
+            slot.retained.clear();
         }
     }
 
     /// Destroys the overlays. Returns their pictures, because the runtime may still copy them until
     /// the session is over.
     pub fn end(self) -> Vec<Arc<wgpu::Texture>> {
-        self.slots.into_iter().flat_map(|slot| slot.texture.into_iter().chain(slot.replaced)).collect()
+        self.slots.into_iter().flat_map(|slot| slot.retained).collect()
     }
 
     fn held(&self) -> Vec<Held> {
         let held = |slot: &PooledOverlay| Held {
-            last: slot.assigned_to.zip(slot.texture.as_deref().map(size_of)),
+            last: slot.assigned_to.zip(slot.picture.as_ref().map(|picture| picture.size)),
             shown_at: slot.shown_at,
         };
         self.slots.iter().map(held).collect()
@@ -184,12 +197,14 @@ impl PooledOverlay {
         is_stereo: bool,
     ) -> Result<bool, OpenVrError> {
         self.assigned_to = Some(quad.key());
-        let is_new = !self.texture.as_ref().is_some_and(|texture| Arc::ptr_eq(texture, &quad.texture));
+        let is_copied = |picture: &CopiedPicture| std::ptr::eq(picture.texture.as_ptr(), Arc::as_ptr(&quad.texture));
+        let is_new = !self.picture.as_ref().is_some_and(is_copied);
         if is_new && let Some(texture) = device.texture_handles(&quad.texture) {
             self.overlay.set_texture(&texture)?;
-            self.replaced.extend(self.texture.replace(Arc::clone(&quad.texture)));
-            while self.replaced.len() > RETAINED_PICTURES {
-                self.replaced.pop_front();
+            self.picture = Some(CopiedPicture { texture: Arc::downgrade(&quad.texture), size: size_of(&quad.texture) });
+            self.retained.push_back(Arc::clone(&quad.texture));
+            while self.retained.len() > RETAINED_PICTURES {
+                self.retained.pop_front();
             }
         }
         // For a picture of two halves, the runtime uses the aspect of one.
