@@ -195,7 +195,7 @@ fn signals_end_the_recording_without_damage() {
         let mut child = recording(&folder, &mut program, &out);
         wait_for_bytes(&folder, &out, 100_000);
         send(signal, &child);
-        assert_eq!(child.wait().unwrap().code(), Some(0));
+        assert_eq!(child.0.wait().unwrap().code(), Some(0));
         folder.run(&format!("info {out}")).succeeds().prints("Damage     none").prints("no gaps");
     }
 }
@@ -213,14 +213,44 @@ fn a_recording_by_nohup_outlives_its_terminal() {
     let bytes = std::fs::metadata(folder.path("r.mcap")).unwrap().len();
     wait_for_bytes(&folder, "r.mcap", bytes + 200_000);
     send("-TERM", &child);
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(child.0.wait().unwrap().code(), Some(0));
+    folder.run("info r.mcap").succeeds().prints("Damage     none").prints("no gaps");
+}
+
+#[test]
+#[cfg(unix)]
+fn a_recording_that_was_stopped_for_a_while_goes_on_without_a_gap() {
+    // As a machine does that is suspended while the board and the line go on.
+    const STOPPED_S: u64 = 3;
+    let folder = Folder::new("record_stopped");
+    let mut child = recording(&folder, &mut Command::new(crate::PROGRAM), "r.mcap");
+    wait_for_bytes(&folder, "r.mcap", 100_000);
+    send("-STOP", &child);
+    sleep(Duration::from_secs(STOPPED_S));
+    let bytes = std::fs::metadata(folder.path("r.mcap")).unwrap().len();
+    send("-CONT", &child);
+    wait_for_bytes(&folder, "r.mcap", bytes + 200_000);
+    send("-INT", &child);
+    assert_eq!(child.0.wait().unwrap().code(), Some(0));
     folder.run("info r.mcap").succeeds().prints("Damage     none").prints("no gaps");
 }
 
 #[cfg(unix)]
-fn recording(folder: &Folder, program: &mut Command, out: &str) -> std::process::Child {
+fn recording(folder: &Folder, program: &mut Command, out: &str) -> Recording {
     let program = program.args(["record", "--port", &board(), "--out", out]);
-    program.current_dir(folder.path("")).stdout(Stdio::null()).spawn().unwrap()
+    Recording(program.current_dir(folder.path("")).stdout(Stdio::null()).spawn().unwrap())
+}
+
+/// A program that records. It ends with its test, also if that fails: it would wait for its board for ever.
+#[cfg(unix)]
+struct Recording(std::process::Child);
+
+#[cfg(unix)]
+impl Drop for Recording {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 #[cfg(unix)]
@@ -233,8 +263,8 @@ fn wait_for_bytes(folder: &Folder, name: &str, bytes: u64) {
 }
 
 #[cfg(unix)]
-fn send(signal: &str, child: &std::process::Child) {
-    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+fn send(signal: &str, child: &Recording) {
+    assert!(Command::new("kill").args([signal, &child.0.id().to_string()]).status().unwrap().success());
 }
 
 #[test]
