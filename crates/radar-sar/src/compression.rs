@@ -12,9 +12,10 @@ use super::cubic;
 use crate::simd::{Kernel, LANES, Lanes, on_widest};
 use crate::{Observation, SweepGeometry, envelope};
 
-/// Widest table step, metres: slightly above four base steps. Choice: a fourteenth of the pulse of
-/// profile 3, which cubic interpolation follows; linear leaves errors of 2 to 4 mm.
-const TABLE_STEP_M: f64 = 0.010_1;
+/// Widest table step, metres: slightly above a seventh of the range step of presets for rooms. Choice: a sixteenth of
+/// the pulse of profile 3, which cubic interpolation follows; linear leaves errors of 2 to 4 mm. Three steps are the
+/// distance between the entries of a box's tables (`subaperture/brick.rs`).
+const TABLE_STEP_M: f64 = 0.008_6;
 /// Template values below this are omitted from the sum. Choice: −80 dB, below what 16-bit samples
 /// resolve; it bounds the taps of a sum.
 const NEGLIGIBLE_ENVELOPE: f64 = 1e-4;

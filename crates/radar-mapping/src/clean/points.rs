@@ -13,10 +13,10 @@ use crate::responses::{CachedResponse, Response, ResponseCache};
 /// greatest displacement, metres. Choice: weaker points mask little, and each climb queries dozens
 /// of points; farther away than two voxels is another maximum.
 const CLIMB_FROM_SCORE: f64 = 5.0;
-/// First step of the hill climb in units of `CLIMB_UNIT`, which is in voxels. The last step is one
-/// unit. Choice: from a voxel of 5 cm down to 1 cm, the fine field's voxel.
+/// First step of the hill climb in units of `CLIMB_UNIT_M`, metres. The last step is one unit. Choice: from
+/// half a coarse voxel down to the fine field's voxel.
 const CLIMB_UNITS: i32 = 4;
-const CLIMB_UNIT: f64 = 0.2;
+const CLIMB_UNIT_M: f64 = 0.01;
 const CLIMB_REACH_M: f64 = 0.12;
 
 /// Finds the responses to points: those of the updates before, and what it queries.
@@ -64,8 +64,7 @@ impl<'a> PointSearch<'a> {
         if score < CLIMB_FROM_SCORE {
             return;
         }
-        let unit_m = self.query.voxel_m() * CLIMB_UNIT;
-        let place = |at: IVec3| start + at.as_dvec3() * unit_m;
+        let place = |at: IVec3| start + at.as_dvec3() * CLIMB_UNIT_M;
         let (mut here, mut step) = (IVec3::ZERO, CLIMB_UNITS);
         while step > 0 {
             let around = (0..27).filter(|n| *n != 13).map(|n| here + (IVec3::new(n % 3, n / 3 % 3, n / 9) - 1) * step);

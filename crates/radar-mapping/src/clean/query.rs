@@ -26,11 +26,6 @@ impl<'a> SubapertureQuery<'a> {
         Self { settings, beam, min_cos, plane_min_cos }
     }
 
-    /// Edge of a voxel, metres.
-    pub fn voxel_m(&self) -> f64 {
-        self.settings.voxel_m
-    }
-
     /// `None` for a sub-aperture that has the plane out of range, or so far off the beam's axis
     /// that not even a mirror returns anything.
     pub fn plane(&self, subapertures: &[&Subaperture], plane: &Plane) -> Vec<Option<Response>> {

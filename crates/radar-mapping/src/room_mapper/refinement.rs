@@ -18,7 +18,7 @@ use radar_sar::{RangePower, Refined, farthest_points, refine};
 /// cost time and gain little: in simulation at 20 dB the error of `ls` is 4.1 mm with 50 sweeps,
 /// 2.2 with 200 and 2.1 with 1200.
 const REFINE_SWEEPS: usize = 150;
-/// Farthest that `ls` may move a point, metres. Choice: a voxel and a half.
+/// Farthest that `ls` may move a point, metres. Choice: three times its 1σ by the sub-apertures.
 const REFINE_REACH_M: f64 = 0.075;
 
 /// What positions are refined from.
@@ -30,6 +30,9 @@ pub(super) struct Refinement<'a> {
     pub walls: &'a [Detection<Plane>],
     pub points: &'a [Detection<DVec3>],
 }
+
+/// 1σ of the position that the sub-apertures' score gives, in each direction, metres. Choice: tracking and mount leave about 2 cm.
+const SUBAPERTURE_SIGMA_M: f64 = 0.025;
 
 impl Refinement<'_> {
     /// Refines confirmed tracks whose quality has improved.
@@ -45,8 +48,7 @@ impl Refinement<'_> {
 
     /// The position of the sub-aperture score and that of `ls`, weighted by their covariances.
     fn refined_position(&self, at: DVec3) -> (DVec3, DMat3) {
-        let subaperture_variance = (self.config.settings.subapertures.voxel_m * 0.5).powi(2);
-        let by_subapertures = (at, DMat3::from_diagonal(DVec3::splat(subaperture_variance)));
+        let by_subapertures = (at, DMat3::from_diagonal(DVec3::splat(SUBAPERTURE_SIGMA_M.powi(2))));
         let Some(by_ls) = self.refined_by_ls(at) else { return by_subapertures };
         let (subaperture_information, ls_information) = (by_subapertures.1.inverse(), by_ls.covariance_m2.inverse());
         let covariance_m2 = (subaperture_information + ls_information).inverse();

@@ -26,9 +26,11 @@ const MIDDLE: f32 = (ENTRIES - 1) as f32 * 0.5;
 /// Greatest distance of a voxel from the box's middle, in table entries. The outermost entries have
 /// no neighbour for interpolation.
 const REACH_ENTRIES: f32 = MIDDLE - 0.5;
-/// Distance between table entries, in pulse widths. Choice: quadratic interpolation is then
-/// accurate to 1e-3, and sixteen entries reach over 4³ voxels of 5 cm.
+/// Distance between table entries, in pulse widths, and the greatest, which larger voxels need.
+/// Choice: at 0.15 quadratic interpolation is accurate to 1e-3, and sixteen entries reach over 4³
+/// voxels of 5 cm for a pulse of 14 cm; with 0.2, over such of 6.5 cm, m still agrees as stated above.
 const ENTRY_WIDTHS: f64 = 0.15;
+const MAX_ENTRY_WIDTHS: f64 = 0.2;
 /// Greatest κ·s·x, rad. Choice: the second-order expansion is then accurate to 1 %; shorter leaves
 /// cost more.
 const MAX_PHASE_RAD: f32 = 0.5;
@@ -36,6 +38,11 @@ const MAX_PHASE_RAD: f32 = 0.5;
 /// well. Choice: what is omitted is below 0.5 %.
 const SECOND_ORDER_FROM_RAD: f32 = 0.1;
 const FIRST_ORDER_FROM_RAD: f32 = 0.004;
+
+/// Greatest distance of a voxel from the middle of a tile of 4³ of them, metres, rounded up.
+pub(super) fn tile_radius_m(voxel_m: f64) -> f64 {
+    1.5 * 3f64.sqrt() * voxel_m * 1.000_01
+}
 
 /// z of all sweeps, arranged so that every `stride`-th entry is contiguous.
 #[derive(Debug, Clone)]
@@ -54,9 +61,12 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Allocates for the sweeps of a sub-aperture; `entries` at `step_m` from `first_m` on.
-    pub fn new(sweeps: usize, entries: usize, first_m: f64, step_m: f64, pulse_m: f64) -> Self {
-        let stride = ((ENTRY_WIDTHS * pulse_m / step_m) as usize).max(1);
+    /// Allocates for the sweeps of a sub-aperture; `entries` at `step_m` from `first_m` on. The boxes' tables reach over a
+    /// tile of voxels of `voxel_m` if [`MAX_ENTRY_WIDTHS`] allows it.
+    pub fn new(sweeps: usize, [first_m, step_m]: [f64; 2], entries: usize, pulse_m: f64, voxel_m: f64) -> Self {
+        let for_tile = (tile_radius_m(voxel_m) / f64::from(REACH_ENTRIES) / step_m).ceil() as usize;
+        let [fine, coarse] = [ENTRY_WIDTHS, MAX_ENTRY_WIDTHS].map(|widths| (widths * pulse_m / step_m) as usize);
+        let stride = for_tile.clamp(fine, coarse).max(1);
         let zeros = (ENTRIES + 1) * stride;
         let row_len = (entries + 2 * zeros).div_ceil(stride);
         let starts = (0..entries + zeros + stride).map(|n| (n % stride * 2 * row_len + n / stride) as u32).collect();
@@ -276,7 +286,9 @@ const HALF_TURNS_PER_M: f32 = (4.0 / WAVELENGTH_M) as f32;
 /// Tables of one leaf over one box: value, slope and half the second difference at each entry; for
 /// the moments, value and slope.
 struct Tables<S: Lanes> {
-    energy: [S::F; 3],
+    /// The energy less the coherent sum's share of it, abs(sum)² over the number of sweeps. In an echo much stronger than
+    /// the noise both are large and nearly equal; interpolated one by one, their difference would be lost.
+    incoherent: [S::F; 3],
     re: [S::F; 3],
     im: [S::F; 3],
     first: [[S::F; 2]; 2],
@@ -324,8 +336,9 @@ fn tabulate<S: Lanes, const ORDER: usize>(
             }
         }
     }
+    let coherent = s.mul(s.mul_add(sum[0], sum[0], s.mul(sum[1], sum[1])), s.splat(run.share()));
     Tables {
-        energy: quadratics(s, energy),
+        incoherent: quadratics(s, s.sub(energy, coherent)),
         re: quadratics(s, sum[0]),
         im: quadratics(s, sum[1]),
         first: [lines(s, first[0]), lines(s, first[1])],
@@ -418,6 +431,7 @@ fn add_leaf<S: Lanes, const ORDER: usize>(
     let half_turns_per_m = HALF_TURNS_PER_M * lag;
     let along_middle_m = dot(run.along, away);
     let middle_cosine = s.splat(along_middle_m / middle_m);
+    let share = s.splat(run.share());
 
     let voxel_m = s.splat(voxels.voxel_m);
     let (column, row) = (s.mul(s.load(&COLUMN), voxel_m), s.mul(s.load(&ROW), voxel_m));
@@ -431,6 +445,8 @@ fn add_leaf<S: Lanes, const ORDER: usize>(
         let (whole, at) = s.rounded(entry);
         let u = s.sub(entry, whole);
         let (mut re, mut im) = (quadratic(s, &tables.re, at, u), quadratic(s, &tables.im, at, u));
+        let coherent = s.mul_add(re, re, s.mul(im, im));
+        let energy = s.mul_add(coherent, share, quadratic(s, &tables.incoherent, at, u));
         if ORDER >= 1 {
             let along = s.mul_add(column, s.splat(run.along[0]), s.mul(row, s.splat(run.along[1])));
             let cosine = s.div(s.add(along, s.splat(dot(run.along, from))), distance);
@@ -448,7 +464,7 @@ fn add_leaf<S: Lanes, const ORDER: usize>(
         let [sum_re, sum_im, sum_energy] = sums;
         *sum_re = s.store(s.mul_add(re, cos, s.mul_add(im, sin, s.load(sum_re))));
         *sum_im = s.store(s.mul_add(im, cos, s.neg_mul_add(re, sin, s.load(sum_im))));
-        *sum_energy = s.store(s.add(quadratic(s, &tables.energy, at, u), s.load(sum_energy)));
+        *sum_energy = s.store(s.add(energy, s.load(sum_energy)));
     }
 }
 
@@ -511,7 +527,7 @@ mod tests {
     fn differences(path: impl Fn(f64) -> DVec3, snr: f64) -> (f32, f32) {
         let block = block(&sweeps(0.089, path, &[(Echo::Point(AT), snr), (Echo::Point(NEAR), snr)], 7));
         let (mut worst, mut squares, mut count) = (0.0f32, 0.0, 0);
-        for voxel_m in [0.05, 0.025, 0.01] {
+        for voxel_m in [0.065, 0.05, 0.025, 0.01] {
             let near = [AT, NEAR].map(|p| (p - block.middle.translation).as_vec3().to_array());
             for middle in middles().chain(near) {
                 let (places, fast) = in_box(&block, middle, voxel_m);
@@ -536,18 +552,17 @@ mod tests {
             ("natural", &winding, 1.0),
             ("fast", &fast, 1.0),
             ("straight", &straight, 1.0),
-            ("still", &still, 1.2),
-            ("whirling", &whirling, 3.0),
+            ("still", &still, 1.0),
+            // The error grows with the box: where a voxel's echo is sampled, the velocity is another than at the middle's.
+            ("whirling", &whirling, 4.0),
         ];
         for (name, path, most) in paths {
             for snr in [0.5, 3.0] {
                 let (worst, rms) = differences(path, snr);
                 assert!(worst <= most && rms <= 0.35, "{name}, {snr}: {worst} {rms}");
             }
-            // In the sidelobes of an echo 30 dB above the noise, the incoherent part is a
-            // difference of large numbers.
             let (worst, rms) = differences(path, 30.0);
-            assert!(worst <= 6.0 && rms <= 0.8, "{name}, strong: {worst} {rms}");
+            assert!(worst <= 2.0 * most && rms <= 0.35, "{name}, strong: {worst} {rms}");
         }
     }
 

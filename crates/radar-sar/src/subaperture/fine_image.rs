@@ -37,8 +37,8 @@ pub struct FineImage {
 /// Images a region from the sub-apertures of one subsweep in time order, at most `per_aperture` of
 /// them in each aperture.
 ///
-/// The voxel cube of one task must fit the box tables, which allows voxels of up to 5 cm for the 14
-/// cm pulse. Returns `None` when voxels are larger, or when no sub-aperture covers the region. The
+/// The voxel cube of one task must fit the box tables, which allows voxels as large as the sub-apertures' settings state,
+/// up to 6.5 cm for the 14 cm pulse. Returns `None` when voxels are larger, or when no sub-aperture covers the region. The
 /// result has the same bits on any number of threads.
 pub fn fine_image(blocks: &[&Subaperture], region: &Aabb, voxel_m: f64, per_aperture: usize) -> Option<FineImage> {
     let sound = voxel_m > 0.0 && region.size().is_finite() && region.size().min_element() >= 0.0;

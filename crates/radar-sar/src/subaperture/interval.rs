@@ -180,8 +180,13 @@ const PARTITIONS: usize = 24;
 const SMOOTH_ENTRIES: f32 = 3.5;
 
 impl Subaperture {
-    /// From at least two sweeps of one geometry.
-    fn new(observations: &[Observation], compressor: &RangeCompressor, room: &mut CompressionScratch) -> Self {
+    /// From at least two sweeps of one geometry, for voxels of this edge.
+    fn new(
+        observations: &[Observation],
+        voxel_m: f64,
+        compressor: &RangeCompressor,
+        room: &mut CompressionScratch,
+    ) -> Self {
         let middle = &observations[observations.len() / 2];
         let origin = middle.tracking_from_sensor.translation;
         let noise_rms_lsb = subaperture_noise_rms(observations.iter().map(|o| o.samples.as_slice()));
@@ -189,7 +194,7 @@ impl Subaperture {
         let (first_m, step_m, entries) = (compressor.first_m(), compressor.step_m(), compressor.entries());
         let path = SweepPath::of(observations, origin, step_m as f32);
         let mut z = vec![[[0.0; LANES]; 2]; entries * path.groups.len()];
-        let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.pulse_fwhm_m);
+        let mut rows = Rows::new(observations.len(), [first_m, step_m], entries, geometry.pulse_fwhm_m, voxel_m);
         let mut evened = [vec![0.0; entries], vec![0.0; entries]];
         let mut sixteen = [vec![0.0; entries * LANES], vec![0.0; entries * LANES]];
         for (g, sweeps) in observations.chunks(LANES).enumerate() {
@@ -380,11 +385,12 @@ impl SubapertureBuilder {
             return None;
         }
         let compressor = self.compressor.get_or_insert_with(|| RangeCompressor::new(&sweeps[0].geometry));
-        let uncancelled = Subaperture::new(&sweeps, compressor, &mut self.room);
+        let voxel_m = self.settings.voxel_m;
+        let uncancelled = Subaperture::new(&sweeps, voxel_m, compressor, &mut self.room);
         let Some(cleaned) = subtract_planes(&sweeps, &self.planes, uncancelled.noise_rms_lsb) else {
             return Some(uncancelled);
         };
-        let block = Subaperture::new(&cleaned, compressor, &mut self.room);
+        let block = Subaperture::new(&cleaned, voxel_m, compressor, &mut self.room);
         Some(Subaperture { uncancelled: Some(Arc::new(uncancelled)), ..block })
     }
 }

@@ -24,6 +24,13 @@ pub(super) struct Leaf {
     pub half_length_m: f32,
 }
 
+impl Leaf {
+    /// One over the number of its sweeps.
+    pub fn share(&self) -> f32 {
+        1.0 / (self.end - self.first) as f32
+    }
+}
+
 /// All sweeps of a sub-aperture, partitioned into leaves.
 #[derive(Debug, Clone)]
 pub(super) struct Partition {
