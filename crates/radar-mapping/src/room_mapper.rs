@@ -413,7 +413,7 @@ impl RoomMapper {
         let since_ns = self.window.newest()?.mid_time_ns - self.config.window_ns();
         self.work_done.looks += 1;
         let (plane_peaks, peaks) = self.imaging.peaks(&self.config, since_ns);
-        let (planes, points) = imaging::candidates(&plane_peaks, &peaks, &self.config);
+        let (planes, points) = self.imaging.candidates(&plane_peaks, &peaks, &self.config);
         self.updates.last = Update { peaks, plane_peaks, ..Update::default() };
         Some(Stage::Detect { planes, peaks: points })
     }

@@ -79,7 +79,7 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs
     let (copy_s, _) = timed(|| observations.to_vec());
     let (build_s, subapertures) = timed(|| subapertures(&observations, settings.rooms.subapertures));
     costs.add("sub-apertures: range compression, tables", build_s - copy_s, String::new());
-    for voxel_m in [0.05, 0.025] {
+    for voxel_m in [settings.rooms.subapertures.voxel_m, 0.025] {
         let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.subapertures };
         let (field_s, updates) = timed(|| {
             let mut field = Field::new(with_voxel, with_voxel.min_cos(&settings.radar.beam));
@@ -88,7 +88,7 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, costs
         });
         let giga = updates as f64 * 1e-9;
         let work = format!("{giga:.2} G updates, {:.2} G/s", giga / field_s);
-        costs.add(&format!("field, voxels of {} cm", voxel_m * 100.0), field_s, work);
+        costs.add(&format!("field, voxels of {:.1} cm", voxel_m * 100.0), field_s, work);
     }
     let (planes_s, _) = timed(|| {
         let mut planes =

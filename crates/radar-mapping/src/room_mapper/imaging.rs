@@ -60,6 +60,13 @@ impl Imaging {
         (planes, self.field.peaks(clean.min_candidate_score, PEAK_RADIUS_M, since_ns))
     }
 
+    /// The planes and points to test, of an update's maxima.
+    pub fn candidates(&self, planes: &[PlanePeak], peaks: &[Peak], config: &RoomConfig) -> (Vec<Plane>, Vec<DVec3>) {
+        let most = config.settings.clean.max_candidates;
+        let points = peaks.iter().take(most).map(|peak| self.field.summit(peak));
+        (planes.iter().map(|peak| peak.plane).collect(), points.collect())
+    }
+
     /// Every voxel that was ever seen and scores at least `min_score`, the `most` highest.
     pub fn evidence(&self, min_score: f64, most: usize) -> Evidence {
         let peaks = self.field.above(min_score, i64::MIN);
@@ -100,10 +107,4 @@ impl Imaging {
     pub fn voxel_m(&self) -> f64 {
         self.voxel_m
     }
-}
-
-/// The planes and points to test, of an update's maxima.
-pub(super) fn candidates(planes: &[PlanePeak], peaks: &[Peak], config: &RoomConfig) -> (Vec<Plane>, Vec<DVec3>) {
-    let most = config.settings.clean.max_candidates;
-    (planes.iter().map(|p| p.plane).collect(), peaks.iter().take(most).map(|p| p.position_m).collect())
 }

@@ -227,6 +227,21 @@ impl Field {
         brick.score(index_in_brick(voxel - key * EDGE as i32)).map(f64::from)
     }
 
+    /// Where the scores around a voxel that is a maximum have theirs, to a quarter of a voxel: the summit of a parabola
+    /// through three voxels along each axis. Rounded, so that it mostly stays where it is from update to update.
+    pub fn summit(&self, peak: &Peak) -> DVec3 {
+        const STEPS: f64 = 4.0;
+        let voxel_m = self.settings.voxel_m;
+        let along = |axis: DVec3| {
+            let at = |steps: f64| self.score_at(peak.position_m + axis * (steps * voxel_m));
+            let (Some(before), Some(after)) = (at(-1.0), at(1.0)) else { return 0.0 };
+            let bend = 2.0 * peak.score - before - after;
+            let off = if bend > 0.0 { 0.5 * (after - before) / bend } else { 0.0 };
+            (off.clamp(-0.5, 0.5) * STEPS).round() / STEPS
+        };
+        peak.position_m + DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z)) * voxel_m
+    }
+
     /// Every voxel in the beam since `since_ns` with a score of at least `min_score`: centre and
     /// score, in brick order.
     pub fn above(&self, min_score: f64, since_ns: i64) -> Vec<Peak> {
@@ -426,6 +441,25 @@ mod tests {
             }
         }
         assert!(found > 500, "{found}");
+    }
+
+    #[test]
+    fn summit_is_nearer_to_the_echo_than_the_voxel() {
+        let voxel_m = SubapertureSettings::default().voxel_m;
+        let (mut voxels_off_m, mut summits_off_m) = (0.0, 0.0);
+        for share in [-0.4, -0.2, 0.0, 0.2, 0.4] {
+            let at = ((CHAIR / voxel_m).floor() + 0.5 + DVec3::new(0.0, 0.0, share)) * voxel_m;
+            let mut field = field(sweeps(0.9, winding, &[(Echo::Point(at), 3.0)], 9));
+            let peak = field.peaks(6.0, 0.15, 0)[0];
+            let summit = field.summit(&peak);
+            let steps = (summit - peak.position_m) / voxel_m * 4.0;
+            assert!((steps - steps.round()).abs().max_element() < 1e-9 && steps.abs().max_element() <= 2.0, "{steps}");
+            voxels_off_m += (peak.position_m - at).z.abs();
+            summits_off_m += (summit - at).z.abs();
+        }
+        assert!(summits_off_m < 0.6 * voxels_off_m, "{summits_off_m} {voxels_off_m}");
+        let nowhere = Peak { position_m: DVec3::Z * 2.0, score: 5.0 };
+        assert_eq!(field(sweeps(0.2, winding, &[], 1)).summit(&nowhere), nowhere.position_m);
     }
 
     /// Maxima by their definition.

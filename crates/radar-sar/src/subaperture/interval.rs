@@ -180,21 +180,24 @@ const PARTITIONS: usize = 24;
 const SMOOTH_ENTRIES: f32 = 3.5;
 
 impl Subaperture {
-    /// From at least two sweeps of one geometry, for voxels of this edge.
+    /// From at least two sweeps of one geometry. `voxel_m`: edge of the voxels that it will be imaged on; `None` if points
+    /// and planes alone are evaluated.
     fn new(
         observations: &[Observation],
-        voxel_m: f64,
+        voxel_m: Option<f64>,
         compressor: &RangeCompressor,
         room: &mut CompressionScratch,
     ) -> Self {
         let middle = &observations[observations.len() / 2];
         let origin = middle.tracking_from_sensor.translation;
-        let noise_rms_lsb = subaperture_noise_rms(observations.iter().map(|o| o.samples.as_slice()));
+        let noise_rms_lsb = noise_of(observations);
         let geometry = Arc::clone(&middle.geometry);
         let (first_m, step_m, entries) = (compressor.first_m(), compressor.step_m(), compressor.entries());
         let path = SweepPath::of(observations, origin, step_m as f32);
         let mut z = vec![[[0.0; LANES]; 2]; entries * path.groups.len()];
-        let mut rows = Rows::new(observations.len(), [first_m, step_m], entries, geometry.pulse_fwhm_m, voxel_m);
+        let rows_for =
+            |voxel_m| Rows::new(observations.len(), [first_m, step_m], entries, geometry.pulse_fwhm_m, voxel_m);
+        let mut rows = voxel_m.map(rows_for);
         let mut evened = [vec![0.0; entries], vec![0.0; entries]];
         let mut sixteen = [vec![0.0; entries * LANES], vec![0.0; entries * LANES]];
         for (g, sweeps) in observations.chunks(LANES).enumerate() {
@@ -203,11 +206,15 @@ impl Subaperture {
                 let k = g * LANES + l;
                 let scale = (taper(k, observations.len()) / noise_rms_lsb) as f32;
                 for (part, values) in [&room.re, &room.im].into_iter().enumerate() {
-                    compensate_interpolation(values, scale, &mut evened[part]);
+                    if rows.is_some() {
+                        compensate_interpolation(values, scale, &mut evened[part]);
+                    }
                     let scaled = sixteen[part][l * entries..][..entries].iter_mut().zip(values);
                     scaled.for_each(|(scaled, value)| *scaled = value * scale);
                 }
-                rows.set(k, &evened[0], &evened[1]);
+                if let Some(rows) = &mut rows {
+                    rows.set(k, &evened[0], &evened[1]);
+                }
             }
             for (entry, row) in z.iter_mut().skip(g).step_by(path.groups.len()).enumerate() {
                 for (row, values) in row.iter_mut().zip(&sixteen) {
@@ -237,7 +244,7 @@ impl Subaperture {
             },
             path,
             z,
-            rows,
+            rows: rows.unwrap_or_else(Rows::none),
             partitions: Default::default(),
             geometry,
             uncancelled: None,
@@ -253,7 +260,7 @@ impl Subaperture {
         self.partitions[at].get_or_init(|| partition(&self.path.groups, self.path.sweep_count, bound_m))
     }
 
-    /// The sub-aperture as measured, before wall cancellation.
+    /// The sub-aperture as measured, before wall cancellation. It is for planes and points: fields image the cleaned one.
     pub fn uncancelled(&self) -> &Self {
         self.uncancelled.as_deref().unwrap_or(self)
     }
@@ -324,6 +331,11 @@ impl Group {
     }
 }
 
+/// Noise rms of a sub-aperture's sweeps, LSB.
+fn noise_of(observations: &[Observation]) -> f64 {
+    subaperture_noise_rms(observations.iter().map(|o| o.samples.as_slice()))
+}
+
 /// Collects the sweeps of one subsweep into sub-apertures.
 #[derive(Debug)]
 pub struct SubapertureBuilder {
@@ -385,13 +397,12 @@ impl SubapertureBuilder {
             return None;
         }
         let compressor = self.compressor.get_or_insert_with(|| RangeCompressor::new(&sweeps[0].geometry));
-        let voxel_m = self.settings.voxel_m;
-        let uncancelled = Subaperture::new(&sweeps, voxel_m, compressor, &mut self.room);
-        let Some(cleaned) = subtract_planes(&sweeps, &self.planes, uncancelled.noise_rms_lsb) else {
-            return Some(uncancelled);
+        let (voxel_m, room) = (Some(self.settings.voxel_m), &mut self.room);
+        let Some(cleaned) = subtract_planes(&sweeps, &self.planes, noise_of(&sweeps)) else {
+            return Some(Subaperture::new(&sweeps, voxel_m, compressor, room));
         };
-        let block = Subaperture::new(&cleaned, voxel_m, compressor, &mut self.room);
-        Some(Subaperture { uncancelled: Some(Arc::new(uncancelled)), ..block })
+        let uncancelled = Some(Arc::new(Subaperture::new(&sweeps, None, compressor, room)));
+        Some(Subaperture { uncancelled, ..Subaperture::new(&cleaned, voxel_m, compressor, room) })
     }
 }
 

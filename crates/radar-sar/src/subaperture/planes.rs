@@ -15,11 +15,11 @@ use crate::math;
 /// Directions of upright planes, evenly spaced in yaw. Choice: half a step, 0.75°, moves an echo by
 /// ±0.6 mm (±90° of phase) over the 9 cm of a sub-aperture at 1 m/s.
 const YAW_STEPS: usize = 240;
-/// Distance between offsets, metres. Choice: a third of the 14 cm pulse.
-const OFFSET_STEP_M: f64 = 0.05;
+/// Distance between offsets, metres. Choice: that between voxels, half of the 14 cm pulse.
+const OFFSET_STEP_M: f64 = 0.065;
 /// Offsets held, from −`OFFSET_HALF`·step to +: ±6 m around the field's first sensor position.
 /// Choice: a room of 12 m.
-const OFFSET_HALF: i32 = 120;
+const OFFSET_HALF: i32 = 93;
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Cell {
