@@ -55,7 +55,7 @@ impl Default for TrackSettings {
             confirm_score: 3.0,
             confirm_observations: 1,
             confirm_wall_observations: 3,
-            confirm_log_odds: 1.4,
+            confirm_log_odds: 1.7,
             recurrence_log_odds: 1.5,
             hands_reach_m: 0.9,
             match_m: 0.15,
