@@ -21,6 +21,8 @@ const REFINE_SWEEPS: usize = 150;
 /// Most sweeps that these are chosen of, evenly spaced in time. Choice: 4 ms apart in a window of 4 s, in which a head moves as
 /// many millimetres; choosing takes time in proportion.
 const REFINE_CANDIDATES: usize = 1000;
+/// 1σ of the position that the sub-apertures' score gives, in each direction, metres. Choice: tracking and mount leave about 2 cm.
+const SUBAPERTURE_SIGMA_M: f64 = 0.025;
 /// Farthest that `ls` may move a point, metres. Choice: three times its 1σ by the sub-apertures.
 const REFINE_REACH_M: f64 = 0.075;
 
@@ -33,9 +35,6 @@ pub(super) struct Refinement<'a> {
     pub walls: &'a [Detection<Plane>],
     pub points: &'a [Detection<DVec3>],
 }
-
-/// 1σ of the position that the sub-apertures' score gives, in each direction, metres. Choice: tracking and mount leave about 2 cm.
-const SUBAPERTURE_SIGMA_M: f64 = 0.025;
 
 impl Refinement<'_> {
     /// Refines confirmed tracks whose quality has improved.
