@@ -15,6 +15,8 @@ const UPDATE: &str = "GOLDEN_UPDATE";
 const STATISTICS: [&str; 7] = ["thesis-full", "thesis", "ls", "log", "glrt", "coherent", "blocks"];
 /// The sensor assumed 5 cm beside its place.
 const WRONG_MOUNT: &str = " --set tracking.mount={translation=[0.05,0.03,-0.1],rotation=[0.0,0.0,0.0,1.0]}";
+/// The defaults of now: the recordings carry those of the day they were made.
+const SETTINGS: &str = "settings.toml";
 /// A box around the reflector: 16³ voxels.
 const BOX: &str = "-0.7,1.1,-1.4,0.1,1.9,-0.6";
 
@@ -37,7 +39,8 @@ impl Outputs {
 
     /// The same with more arguments.
     fn of_replay_set(folder: &Folder, name: &str, arguments: &str, environment: &[(&str, &str)]) -> Self {
-        let command = format!("replay {name}.mcap --out out --results results.mcap{arguments}");
+        folder.write(SETTINGS, include_bytes!("../../docs/settings.toml"));
+        let command = format!("replay {name}.mcap --settings {SETTINGS} --out out --results results.mcap{arguments}");
         folder.run_with(&command, environment).succeeds();
         let mut checksums = String::new();
         for file in ["obstacles.ply", "shape.ply"] {
