@@ -108,13 +108,22 @@ pub(super) fn realism(extent: Extent, recorded: Option<&Arc<RecordedSensor>>) ->
         let seeds: Vec<u64> = (first_seed..first_seed + rooms).collect();
         Ok(played("d16", vec![player(Headset::Lighthouse)], &seeds, minutes, adapt, || ())?.swap_remove(0))
     };
-    let mut figures = vec![("other rooms, everything on", play(REALISM_SEED + rooms, &|_| ())?)];
+    let mut figures: Vec<(&str, Figures)> = Vec::new();
+    let mut row = |name: &'static str, first_seed: u64, change: &dyn Fn(&mut PlayTrial)| -> Result<()> {
+        let of_row = play(first_seed, change)?;
+        // The whole page takes an hour; what is done is not lost with it.
+        log::info!("{}", curve([(name, &of_row)].into_iter()).markdown().lines().last().unwrap_or_default());
+        figures.push((name, of_row));
+        Ok(())
+    };
+    row("other rooms, everything on", REALISM_SEED + rooms, &|_| ())?;
     for (name, change) in rows {
-        figures.push((*name, play(REALISM_SEED, change)?));
+        row(name, REALISM_SEED, change)?;
     }
     if let Some(recorded) = recorded {
-        let change = |trial: &mut PlayTrial| trial.session.recorded = Some(recorded.clone());
-        figures.push(("a recorded sensor's jitter and noise", play(REALISM_SEED, &change)?));
+        row("a recorded sensor's jitter and noise", REALISM_SEED, &|trial| {
+            trial.session.recorded = Some(recorded.clone());
+        })?;
     }
     Ok(Page::new("What the simulation assumes, and what each assumption costs", "")
         .text(&format!(
