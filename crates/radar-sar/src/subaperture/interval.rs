@@ -109,20 +109,10 @@ impl SweepPath {
 pub struct PointSubaperture(Subaperture);
 
 impl PointSubaperture {
-    /// Copies what point evaluation needs; reuses the memory of `old` if given.
-    pub fn of(block: &Subaperture, old: Option<Self>) -> Self {
-        let (mut z, mut groups) = old.map_or_else(Default::default, |old| (old.0.z, old.0.path.groups));
-        z.clone_from(&block.z);
-        groups.clone_from(&block.path.groups);
-        Self(Subaperture {
-            z,
-            path: SweepPath { groups, times_s: Vec::new(), ..block.path },
-            rows: Rows::none(),
-            partitions: Default::default(),
-            geometry: Arc::clone(&block.geometry),
-            uncancelled: None,
-            ..*block
-        })
+    /// Keeps what point evaluation needs.
+    pub fn of(block: Subaperture) -> Self {
+        let path = SweepPath { times_s: Vec::new(), ..block.path };
+        Self(Subaperture { path, rows: Rows::none(), partitions: Default::default(), uncancelled: None, ..block })
     }
 
     /// See [`Subaperture::middle`].
@@ -341,7 +331,7 @@ fn noise_of(observations: &[Observation]) -> f64 {
 pub struct SubapertureBuilder {
     settings: SubapertureSettings,
     compressor: Option<RangeCompressor>,
-    room: CompressionScratch,
+    rooms: [CompressionScratch; 2],
     pending: Vec<Observation>,
     planes: Vec<Plane>,
     /// Sweeps dropped because too few of them came before a pause.
@@ -354,7 +344,7 @@ impl SubapertureBuilder {
         Self {
             settings,
             compressor: None,
-            room: CompressionScratch::default(),
+            rooms: Default::default(),
             pending: Vec::new(),
             planes: Vec::new(),
             dropped_sweeps: 0,
@@ -397,12 +387,15 @@ impl SubapertureBuilder {
             return None;
         }
         let compressor = self.compressor.get_or_insert_with(|| RangeCompressor::new(&sweeps[0].geometry));
-        let (voxel_m, room) = (Some(self.settings.voxel_m), &mut self.room);
+        let (voxel_m, [room, other_room]) = (Some(self.settings.voxel_m), &mut self.rooms);
         let Some(cleaned) = subtract_planes(&sweeps, &self.planes, noise_of(&sweeps)) else {
             return Some(Subaperture::new(&sweeps, voxel_m, compressor, room));
         };
-        let uncancelled = Some(Arc::new(Subaperture::new(&sweeps, None, compressor, room)));
-        Some(Subaperture { uncancelled, ..Subaperture::new(&cleaned, voxel_m, compressor, room) })
+        let (uncancelled, cleaned) = rayon::join(
+            || Subaperture::new(&sweeps, None, compressor, other_room),
+            || Subaperture::new(&cleaned, voxel_m, compressor, room),
+        );
+        Some(Subaperture { uncancelled: Some(Arc::new(uncancelled)), ..cleaned })
     }
 }
 
