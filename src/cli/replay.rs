@@ -22,6 +22,11 @@ use radar_mapping::{MountInUse, Observed, Scene};
 use radar_recording::{Header, MapFile, Recording, RecordingSummary, SparsePoses};
 use radar_sar::geometry::Pose;
 
+/// Events that are read at once, and such batches that are read ahead. Choice: a batch is about a second, whose frames are
+/// 1 MB at most usual settings; one is processed while the next is read.
+const BATCH: usize = 256;
+const BATCHES_AHEAD: usize = 2;
+
 /// Runs the mapper over a recording and writes what it finds
 ///
 /// Prints the obstacles; with --out writes obstacles.json, a map (map.png) and report.html there,
@@ -99,7 +104,8 @@ impl Replay {
         };
         let mut outputs = Outputs { results, recorder, film: self.film.as_ref().map(|_| FilmRecorder::default()) };
         let events = summary.frames.count + summary.poses.count + summary.hands.count;
-        if !self.feed(&mut recording, &mut mapper, events, &mut outputs)? {
+        // On a thread of the pool: no stage of the mapper waits for one to wake up.
+        if !rayon::scope(|_| self.feed(&mut recording, &mut mapper, events, &mut outputs))? {
             return Ok(ReplayEnd::Closed);
         }
         warn_of_damage(&recording);
@@ -161,11 +167,28 @@ impl Replay {
             || !recorder.is_some_and(Recorder::is_closed)
     }
 
-    /// Streams the recording at the requested speed; returns whether it reached the end.
+    /// Streams the recording at the requested speed; returns whether it reached the end. Another thread reads ahead.
     fn feed(&self, recording: &mut Recording, mapper: &mut Mapper, events: u64, outputs: &mut Outputs) -> Result<bool> {
-        let bar = progress::bar(events, "replaying");
+        std::thread::scope(|scope| {
+            let (sender, batches) = std::sync::mpsc::sync_channel(BATCHES_AHEAD);
+            scope.spawn(move || {
+                let batches = std::iter::from_fn(|| Some(recording.take(BATCH).collect::<Vec<Event>>()));
+                let _ = batches.take_while(|batch| !batch.is_empty()).try_for_each(|batch| sender.send(batch));
+            });
+            self.take(batches.into_iter().flatten(), mapper, events, outputs)
+        })
+    }
+
+    fn take(
+        &self,
+        events: impl Iterator<Item = Event>,
+        mapper: &mut Mapper,
+        count: u64,
+        outputs: &mut Outputs,
+    ) -> Result<bool> {
+        let bar = progress::bar(count, "replaying");
         let (start, mut first_ns) = (Instant::now(), None);
-        for event in recording {
+        for event in events {
             if !self.is_wanted(outputs.recorder.as_ref()) {
                 bar.finish_and_clear();
                 return Ok(false);

@@ -395,11 +395,14 @@ impl RoomMapper {
     /// Images a sub-aperture. Returns whether an update is due.
     fn image(&mut self, subaperture: Subaperture) -> bool {
         self.work_done.blocks += 1;
-        self.imaging.add(&subaperture);
-        // Those of a window that is imaged again were taken before.
-        if self.mti.newest_ns().is_none_or(|newest_ns| subaperture.mid_time_ns > newest_ns) {
-            self.mti.push(subaperture.uncancelled(), &self.hands, self.config.settings.tracks.hands_reach_m);
-        }
+        let Self { imaging, mti, hands, config, .. } = self;
+        let find_moving = || {
+            // Those of a window that is imaged again were taken before.
+            if mti.newest_ns().is_none_or(|newest_ns| subaperture.mid_time_ns > newest_ns) {
+                mti.push(subaperture.uncancelled(), hands, config.settings.tracks.hands_reach_m);
+            }
+        };
+        rayon::join(|| imaging.add(&subaperture), find_moving);
         let now_ns = subaperture.mid_time_ns;
         self.window.push(subaperture);
         let since_ns = now_ns - self.config.window_ns();

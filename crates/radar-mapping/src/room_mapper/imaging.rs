@@ -42,10 +42,10 @@ impl Imaging {
 
     /// Adds a sub-aperture.
     pub fn add(&mut self, subaperture: &Subaperture) {
-        self.field.add(subaperture);
-        self.fine.push_subaperture(subaperture);
+        let Self { field, fine, planes, .. } = self;
         // Walls are searched in the sub-aperture as it was measured, with the known ones in it.
-        self.planes.add(subaperture.uncancelled());
+        let add_to_planes = || planes.add(subaperture.uncancelled());
+        rayon::join(|| field.add(subaperture), || rayon::join(add_to_planes, || fine.push_subaperture(subaperture)));
     }
 
     /// A sub-aperture has left the window.
