@@ -4,11 +4,9 @@ use std::time::Duration;
 
 use super::matrix::pose;
 use super::runtime::{Runtime, call};
-use super::sys;
+use super::sys::{self, HEADSET};
 use radar_sar::geometry::Pose;
 
-/// Index of the headset among the tracked devices (OpenVR).
-pub(super) const HEADSET: u32 = sys::k_unTrackedDeviceIndex_Hmd as u32;
 /// Used if the headset reports nothing: the rate, and the display time of one frame, seconds.
 /// Choice: 90 Hz is the usual rate; one that is wrong by half moves a drawing by milliseconds.
 const DEFAULT_FRAME_HZ: f64 = 90.0;

@@ -11,12 +11,11 @@ use std::ffi::{CString, c_void};
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-use super::display::HEADSET;
 use super::error::{OpenVrError, described};
 use super::matrix::matrix;
 use super::poses::Universe;
 use super::runtime::{Runtime, call, string_from};
-use super::sys;
+use super::sys::{self, HEADSET};
 use super::vulkan::VulkanTexture;
 use radar_sar::geometry::Pose;
 

@@ -104,7 +104,7 @@ pub struct Hands([u32; 2]);
 
 impl Hands {
     /// No controllers.
-    pub const NONE: Self = Self([sys::k_unTrackedDeviceIndexInvalid as u32; 2]);
+    pub const NONE: Self = Self([sys::NO_DEVICE; 2]);
 }
 
 /// Length of the runtime's table of tracked devices (OpenVR).
@@ -136,7 +136,7 @@ impl Runtime {
         let count = hands.0.iter().filter(|index| (**index as usize) < MAX_DEVICES).max().map_or(1, |last| last + 1);
         call!(self.system, GetDeviceToAbsoluteTrackingPose(universe.origin(), ahead_s as f32, raw.as_mut_ptr(), count));
         let device = |index: u32| raw.get(index as usize).map_or(DevicePose::NONE, DevicePose::of);
-        Poses { head: device(sys::k_unTrackedDeviceIndex_Hmd as u32), hands: hands.0.map(device) }
+        Poses { head: device(sys::HEADSET), hands: hands.0.map(device) }
     }
 
     /// The transform from the raw to the standing universe, as currently set by the user.

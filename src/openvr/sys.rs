@@ -8,6 +8,11 @@
 
 include!(concat!(env!("OUT_DIR"), "/openvr.rs"));
 
+/// Index of the headset among the tracked devices, and the one of no device. The header makes them `unsigned long`, which has 64
+/// bits on Linux and 32 on Windows; the functions take 32.
+pub const HEADSET: TrackedDeviceIndex_t = k_unTrackedDeviceIndex_Hmd as TrackedDeviceIndex_t;
+pub const NO_DEVICE: TrackedDeviceIndex_t = k_unTrackedDeviceIndexInvalid as TrackedDeviceIndex_t;
+
 #[cfg(test)]
 mod tests {
     use super::*;
