@@ -34,6 +34,7 @@ mod session_view;
 mod settings_store;
 mod sound;
 mod stop;
+mod sync;
 #[cfg(all(test, unix))]
 mod test_board;
 mod watchdog;

@@ -7,8 +7,9 @@
 //! lock.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
+
+use super::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, TryLockError};
 
 /// Attempts at the lock before the messages stay in the backlog: a few microseconds. Choice: longer
 /// than the lock is held to move a message, far shorter than a sweep.
