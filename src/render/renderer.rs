@@ -240,7 +240,7 @@ pub(super) mod tests {
             kind: PanelKind::Object,
             tracking_from_panel: Pose::from_translation(position),
             size_m: DVec2::new(0.6, 0.8),
-            silhouette: vec![(DVec2::new(0.0, -0.1), 0.1), (DVec2::new(0.0, -0.25), 0.1)],
+            silhouette: [(DVec2::new(0.0, -0.1), 0.1), (DVec2::new(0.0, -0.25), 0.1)].into(),
             alpha: 1.0,
             distance_m: 0.5,
             time_to_contact_s: None,
@@ -355,7 +355,7 @@ pub(super) mod tests {
         with_renderer(|renderer| {
             for style in Style::ALL {
                 let settings = WarningSettings { style, ..Default::default() };
-                let panel = Panel { silhouette: vec![(DVec2::new(0.0, -0.1), 0.13)], ..panel(DVec3::ZERO) };
+                let panel = Panel { silhouette: [(DVec2::new(0.0, -0.1), 0.13)].into(), ..panel(DVec3::ZERO) };
                 let size_m = panel.size_m;
                 let quads = renderer.quads(&only(panel), &settings).unwrap();
                 let picture = renderer.picture_of(&quads[0]).unwrap();
@@ -380,7 +380,7 @@ pub(super) mod tests {
                 let foot = contrasts(&turned, px(0.07), 0..py(0.03));
                 assert!(foot.iter().all(|c| *c >= 3.0), "{style:?}, foot: {foot:.1?}");
             }
-            let corners_xz_m = [(-0.3, 0.3), (0.3, 0.3), (0.3, -0.3), (-0.3, -0.3)].map(DVec2::from).to_vec();
+            let corners_xz_m = [(-0.3, 0.3), (0.3, 0.3), (0.3, -0.3), (-0.3, -0.3)].map(DVec2::from).into();
             let footprint = Footprint { id: 1, corners_xz_m, alpha: 1.0 };
             let warnings = Warnings { panels: vec![], footprints: vec![footprint] };
             let quads = renderer.quads(&warnings, &WarningSettings::default()).unwrap();
@@ -425,7 +425,7 @@ pub(super) mod tests {
             let b = renderer.quads(&only(moved), &style).unwrap();
             assert!(std::sync::Arc::ptr_eq(&a[0].texture, &b[0].texture));
             assert_eq!(renderer.textures_drawn(), before + 1);
-            let other = Panel { silhouette: vec![(DVec2::ZERO, 0.2)], ..first };
+            let other = Panel { silhouette: [(DVec2::ZERO, 0.2)].into(), ..first };
             renderer.quads(&only(other), &style).unwrap();
             assert_eq!(renderer.textures_drawn(), before + 2);
         });
@@ -468,7 +468,7 @@ pub(super) mod tests {
     fn rendering_is_deterministic_across_renderers() {
         with_renderer(|renderer| {
             let [view, _] = eyes();
-            let corners_xz_m = [(0.0, -0.6), (0.4, -0.6), (0.4, -1.0), (0.0, -1.0)].map(DVec2::from).to_vec();
+            let corners_xz_m = [(0.0, -0.6), (0.4, -0.6), (0.4, -1.0), (0.0, -1.0)].map(DVec2::from).into();
             let warnings = Warnings {
                 footprints: vec![Footprint { id: 1, corners_xz_m, alpha: 0.7 }],
                 ..only(panel(DVec3::new(0.3, 1.3, -0.7)))

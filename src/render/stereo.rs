@@ -451,7 +451,7 @@ mod tests {
             kind: PanelKind::Object,
             tracking_from_panel: Pose::from_translation(DVec3::new(0.1, 0.6, -0.9)),
             size_m: DVec2::new(0.6, 1.2),
-            silhouette: vec![(DVec2::ZERO, 0.1)],
+            silhouette: [(DVec2::ZERO, 0.1)].into(),
             alpha: 1.0,
             distance_m: 0.6,
             time_to_contact_s: None,

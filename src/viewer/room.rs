@@ -305,7 +305,7 @@ fn panel(drawing: &mut Drawing, panel: &Panel, color: impl Fn(f32) -> Color) {
     drawing.polyline(corners.into_iter().chain([corners[0]]), 2.0, color(alpha));
     drawing.transparent_polygon(&corners, color(0.05 * alpha));
     if panel.kind == PanelKind::Object {
-        for (middle, radius) in &panel.silhouette {
+        for (middle, radius) in &*panel.silhouette {
             let disc = |point: DVec2| at(point.x, point.y);
             let (u, v) = (
                 disc(*middle + DVec2::X * *radius) - disc(*middle),

@@ -236,7 +236,7 @@ mod tests {
             kind: PanelKind::Object,
             tracking_from_panel: Pose::IDENTITY,
             size_m: DVec2::ONE,
-            silhouette: vec![],
+            silhouette: std::sync::Arc::default(),
             alpha: alpha as f32,
             distance_m: 0.5,
             time_to_contact_s: None,

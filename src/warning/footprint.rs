@@ -1,19 +1,20 @@
 //! Footprint of an obstacle on the floor: the convex hull of its spheres from above, widened by the
 //! direction uncertainty.
 
+use std::sync::Arc;
+
 use glam::DVec2;
 
 use super::hull::convex_hull;
 use super::object::Aspect;
 use super::obstacle_body::ObstacleBody;
-use super::panel::Footprint;
 
 /// Corners of the polygon that stands for a sphere's circle. Choice: an edge cuts a circle's radius
 /// by 3 %, less than a centimetre.
 const CORNERS: u32 = 12;
 
-/// The footprint of an obstacle.
-pub(super) fn footprint(body: &ObstacleBody, aspect: &Aspect, alpha: f32) -> Footprint {
+/// Corners of an obstacle's footprint as (x, z).
+pub(super) fn footprint(body: &ObstacleBody, aspect: &Aspect) -> Arc<[DVec2]> {
     let aside = DVec2::new(aspect.picture_right.x, -aspect.picture_right.z) * aspect.spread_m;
     let mut widened = Vec::new();
     for corner in body.hull.iter() {
@@ -23,6 +24,5 @@ pub(super) fn footprint(body: &ObstacleBody, aspect: &Aspect, alpha: f32) -> Foo
             widened.extend([rim + aside, rim - aside]);
         }
     }
-    let corners_xz_m = convex_hull(&widened).into_iter().map(|p| DVec2::new(p.x, -p.y)).collect();
-    Footprint { id: body.id, corners_xz_m, alpha }
+    convex_hull(&widened).into_iter().map(|p| DVec2::new(p.x, -p.y)).collect()
 }

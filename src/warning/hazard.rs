@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::body_model::{BodyModel, Limb};
 use super::footprint::footprint;
-use super::object::{Aspect, object_panel};
+use super::object::{Aspect, Layout, object_panel};
 use super::obstacle_body::ObstacleBody;
 use super::panel::{Footprint, Panel, Shape};
 use super::proximity::{Proximity, proximities};
@@ -37,6 +37,8 @@ pub(super) struct WarningVisual {
     pub panel: Panel,
     pub footprint: Option<Footprint>,
     pub shape: Option<Shape>,
+    /// Of an obstacle's picture and footprint.
+    pub layout: Option<Layout>,
 }
 
 impl Hazard<'_> {
@@ -68,27 +70,35 @@ impl Hazard<'_> {
         }
     }
 
-    /// What is drawn for the body part with the greatest urgency.
+    /// What is drawn for the body part with the greatest urgency. What was drawn before is taken from there while its layout
+    /// stays.
     pub fn draw(
         &self,
         body_model: &BodyModel,
         near: &Proximity,
         alpha: f32,
         settings: &WarningSettings,
+        before: Option<&WarningVisual>,
     ) -> Option<WarningVisual> {
         match self {
             Self::Object(body) => {
                 let aspect = Aspect::of(body, body_model.head_m, body_model.ahead);
-                let panel = object_panel(body, &aspect, body_model.head_m, near, alpha);
-                let footprint = settings.footprints.then(|| footprint(body, &aspect, alpha));
+                let layout = Layout::of(body, &aspect);
+                let before = before.filter(|before| before.layout.as_ref() == Some(&layout));
+                let silhouette = before.map_or_else(|| layout.silhouette(), |before| before.panel.silhouette.clone());
+                let known_corners = before.and_then(|before| before.footprint.as_ref()).map(|f| f.corners_xz_m.clone());
+                let corners = || known_corners.unwrap_or_else(|| footprint(body, &aspect));
+                let panel = object_panel(body, (&aspect, &layout), silhouette, body_model.head_m, near, alpha);
+                let footprint = settings.footprints.then(|| Footprint { id: body.id, corners_xz_m: corners(), alpha });
                 let points_m = body.points.clone();
                 let shape = Shape { id: body.id, points_m, radius_m: body.radius_m, alpha };
-                Some(WarningVisual { panel, footprint, shape: body.has_shape.then_some(shape) })
+                let shape = body.has_shape.then_some(shape);
+                Some(WarningVisual { panel, footprint, shape, layout: Some(layout) })
             }
             Self::Wall(wall) => {
                 let panel = wall_panel(wall, body_model.head_m, near, alpha, settings)?;
                 let can_reach = can_reach(body_model, [panel.tracking_from_panel.translation], settings);
-                can_reach.then_some(WarningVisual { panel, footprint: None, shape: None })
+                can_reach.then_some(WarningVisual { panel, footprint: None, shape: None, layout: None })
             }
         }
     }

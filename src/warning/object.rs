@@ -10,6 +10,8 @@
 //! the head sways, approaches and turns, and changes every 15° around the obstacle. The silhouette
 //! is then wrong by 8° at most, less than the radar image is.
 
+use std::sync::Arc;
+
 use glam::{DQuat, DVec2, DVec3};
 
 use super::hull::{convex_hull, lattice_within};
@@ -88,32 +90,104 @@ impl Aspect {
     }
 }
 
-/// The panel of an obstacle seen this way.
-pub(super) fn object_panel(body: &ObstacleBody, aspect: &Aspect, head: DVec3, near: &Proximity, alpha: f32) -> Panel {
-    let across = |p: DVec3| (p - body.anchor).dot(aspect.picture_right);
-    let middle = (across(aspect.near) / MIDDLE_STEP_M).round() * MIDDLE_STEP_M;
-    let border = body.radius_m + aspect.spread_m + MARGIN_M;
-    let (lo, hi) = body.points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| {
-        let x = across(*p);
-        (lo.min(x), hi.max(x))
-    });
-    let lo = round_down((lo - border).max(middle - MAX_HALF_WIDTH_M));
-    let hi = -round_down(-(hi + border).min(middle + MAX_HALF_WIDTH_M));
-    let highest = body.points.iter().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max);
-    let doubt = body.two_sigma(DVec3::Y, 0.2);
-    let height = -round_down(-(highest + body.radius_m + doubt + MARGIN_M).clamp(HEIGHT_M.0, HEIGHT_M.1));
+/// What an obstacle's picture and footprint show, and how large they are. All of it belongs to the obstacle or is rounded, so it
+/// stays the same in most frames.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Layout {
+    points: Arc<[DVec3]>,
+    has_shape: bool,
+    radius_m: f64,
+    anchor: DVec3,
+    picture_right: DVec3,
+    spread_m: f64,
+    /// Left and right edge of the panel, from the anchor along `picture_right`, metres.
+    edges_m: [f64; 2],
+    height_m: f64,
+}
 
+impl Layout {
+    pub fn of(body: &ObstacleBody, aspect: &Aspect) -> Self {
+        let across = |p: DVec3| (p - body.anchor).dot(aspect.picture_right);
+        let middle = (across(aspect.near) / MIDDLE_STEP_M).round() * MIDDLE_STEP_M;
+        let border = body.radius_m + aspect.spread_m + MARGIN_M;
+        let (lo, hi) = body.points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| {
+            let x = across(*p);
+            (lo.min(x), hi.max(x))
+        });
+        let lo = round_down((lo - border).max(middle - MAX_HALF_WIDTH_M));
+        let hi = -round_down(-(hi + border).min(middle + MAX_HALF_WIDTH_M));
+        let highest = body.points.iter().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max);
+        let doubt = body.two_sigma(DVec3::Y, 0.2);
+        let height_m = -round_down(-(highest + body.radius_m + doubt + MARGIN_M).clamp(HEIGHT_M.0, HEIGHT_M.1));
+        Self {
+            points: Arc::clone(&body.points),
+            has_shape: body.has_shape,
+            radius_m: body.radius_m,
+            anchor: body.anchor,
+            picture_right: aspect.picture_right,
+            spread_m: aspect.spread_m,
+            edges_m: [lo, hi],
+            height_m,
+        }
+    }
+
+    fn size_m(&self) -> DVec2 {
+        let [lo, hi] = self.edges_m;
+        DVec2::new(hi - lo, self.height_m)
+    }
+
+    /// Discs at the spheres on the panel and within their outline, since nobody passes between parts of
+    /// one object. The radius grows with the uncertainty across, and until the discs are few enough.
+    pub fn silhouette(&self) -> Arc<[(DVec2, f64)]> {
+        if !self.has_shape {
+            return Arc::default();
+        }
+        let (middle_m, size_m) = (self.edges_m.iter().sum::<f64>() / 2.0, self.size_m());
+        let on_panel =
+            |p: &DVec3| DVec2::new((*p - self.anchor).dot(self.picture_right) - middle_m, p.y - self.height_m / 2.0);
+        let placed: Vec<DVec2> = self.points.iter().map(on_panel).collect();
+        let hull = convex_hull(&placed);
+        let mut radius =
+            round(math::hypot(self.radius_m + EDGE_MARGIN_M, self.spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
+        loop {
+            let cell = 0.6 * radius;
+            let mut taken = CellSet::covering(size_m / 2.0 + radius, cell);
+            let discs: Vec<_> = placed
+                .iter()
+                .copied()
+                .chain(lattice_within(&hull, 2.0 * cell))
+                .filter(|c| (c.abs() - size_m / 2.0).max_element() < radius)
+                .filter(|c| taken.insert(*c))
+                .map(|c| (DVec2::new(round(c.x), round(c.y)), radius))
+                .take(MAX_DISCS + 1)
+                .collect();
+            if discs.len() <= MAX_DISCS {
+                return discs.into();
+            }
+            radius = round(radius * 1.5 + DISC_STEP_M);
+        }
+    }
+}
+
+/// The panel of an obstacle seen this way, with its silhouette.
+pub(super) fn object_panel(
+    body: &ObstacleBody,
+    (aspect, layout): (&Aspect, &Layout),
+    silhouette: Arc<[(DVec2, f64)]>,
+    head: DVec3,
+    near: &Proximity,
+    alpha: f32,
+) -> Panel {
     let right = DVec3::Y.cross(aspect.facing);
+    let [lo, hi] = layout.edges_m;
     let sideways = (body.anchor - head).dot(right) + (lo + hi) / 2.0;
     let level = head - aspect.facing * aspect.panel_distance_m + right * sideways;
-    let size_m = DVec2::new(hi - lo, height);
-    let on_panel = |p: DVec3| DVec2::new(across(p) - (lo + hi) / 2.0, p.y - height / 2.0);
     Panel {
         id: body.id,
         kind: PanelKind::Object,
-        tracking_from_panel: upright(DVec3::new(level.x, height / 2.0, level.z), aspect.facing),
-        size_m,
-        silhouette: silhouette(body, aspect.spread_m, size_m, on_panel),
+        tracking_from_panel: upright(DVec3::new(level.x, layout.height_m / 2.0, level.z), aspect.facing),
+        size_m: layout.size_m(),
+        silhouette,
         alpha,
         distance_m: near.distance_m,
         time_to_contact_s: near.time_to_contact_s(),
@@ -126,39 +200,6 @@ pub(super) fn object_panel(body: &ObstacleBody, aspect: &Aspect, head: DVec3, ne
 /// A pose at `middle` with +y up and +z along the horizontal unit vector `facing`.
 pub(super) fn upright(middle: DVec3, facing: DVec3) -> radar_sar::geometry::Pose {
     radar_sar::geometry::Pose::new(middle, DQuat::from_rotation_y(math::atan2(facing.x, facing.z)))
-}
-
-/// Discs at the spheres on the panel and within their outline, since nobody passes between parts of
-/// one object. The radius grows with the uncertainty across, and until the discs are few enough.
-fn silhouette(
-    body: &ObstacleBody,
-    spread_m: f64,
-    size_m: DVec2,
-    on_panel: impl Fn(DVec3) -> DVec2,
-) -> Vec<(DVec2, f64)> {
-    if !body.has_shape {
-        return Vec::new();
-    }
-    let placed: Vec<DVec2> = body.points.iter().map(|p| on_panel(*p)).collect();
-    let hull = convex_hull(&placed);
-    let mut radius = round(math::hypot(body.radius_m + EDGE_MARGIN_M, spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
-    loop {
-        let cell = 0.6 * radius;
-        let mut taken = CellSet::covering(size_m / 2.0 + radius, cell);
-        let discs: Vec<_> = placed
-            .iter()
-            .copied()
-            .chain(lattice_within(&hull, 2.0 * cell))
-            .filter(|c| (c.abs() - size_m / 2.0).max_element() < radius)
-            .filter(|c| taken.insert(*c))
-            .map(|c| (DVec2::new(round(c.x), round(c.y)), radius))
-            .take(MAX_DISCS + 1)
-            .collect();
-        if discs.len() <= MAX_DISCS {
-            return discs;
-        }
-        radius = round(radius * 1.5 + DISC_STEP_M);
-    }
 }
 
 /// Square cells around the origin, a bit each. With a set of hashes a frame took a third more (lab example live_latency).

@@ -33,7 +33,7 @@ pub struct Panel {
     pub size_m: DVec2,
     /// Silhouette as discs on the panel: centre (panel x, y, metres from the middle) and radius,
     /// metres. Empty for a wall and for a range-only obstacle.
-    pub silhouette: Vec<(DVec2, f64)>,
+    pub silhouette: Arc<[(DVec2, f64)]>,
     /// Brightness, 0 (not drawn) to 1.
     pub alpha: f32,
     /// Distance to the near side of the obstacle, metres: from the vertical line between head and
@@ -57,7 +57,7 @@ pub struct Footprint {
     /// Id of the obstacle.
     pub id: u64,
     /// Corners as (x, z).
-    pub corners_xz_m: Vec<DVec2>,
+    pub corners_xz_m: Arc<[DVec2]>,
     /// Brightness, 0 to 1.
     pub alpha: f32,
 }
@@ -98,7 +98,7 @@ impl Warnings {
     pub fn without_silhouettes(mut self) -> Self {
         for panel in self.panels.iter_mut().filter(|panel| !panel.silhouette.is_empty()) {
             panel.kind = PanelKind::Pane;
-            panel.silhouette.clear();
+            panel.silhouette = Arc::default();
         }
         self
     }

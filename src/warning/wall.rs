@@ -4,6 +4,8 @@
 //! Its edges are multiples of the grid spacing, so that the grid stays fixed on the wall while the
 //! head moves along it and the texture stays the same. Floors and ceilings get no panel.
 
+use std::sync::Arc;
+
 use glam::{DVec2, DVec3};
 
 use super::body_model::{BodyModel, Limb};
@@ -80,7 +82,7 @@ pub(super) fn wall_panel(
             if ahead_m < 0.0 { outward } else { -outward },
         ),
         size_m: DVec2::new(to - from, HEIGHT_M),
-        silhouette: Vec::new(),
+        silhouette: Arc::default(),
         alpha,
         distance_m: near.distance_m,
         time_to_contact_s: near.time_to_contact_s(),

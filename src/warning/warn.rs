@@ -49,7 +49,7 @@ fn warnings_of_hazards(
         let [body, _] = urgencies(&hazard.proximities(body_model, settings), settings);
         let (near, urgency) = body.map(|urgency| (urgency.near, urgency.value()))?;
         let alpha = settings.alpha_of(urgency * hazard.brightness(settings));
-        let mut drawn = (alpha > 0.0).then(|| hazard.draw(body_model, &near, alpha, settings))??;
+        let mut drawn = (alpha > 0.0).then(|| hazard.draw(body_model, &near, alpha, settings, None))??;
         drawn.panel.label_m = settings.labels.then(|| rounded_label(near.gap_m));
         Some(drawn)
     });

@@ -133,7 +133,9 @@ impl WarningState {
 
     /// Updates the visual; a hazard with nothing to show from here goes dark.
     pub fn update_visual(&mut self, now_ns: i64, hazard: &Hazard, body_model: &BodyModel, settings: &WarningSettings) {
-        let drawn = self.near.and_then(|near| hazard.draw(body_model, &near, 0.0, settings).map(|drawn| (drawn, near)));
+        let before = self.drawn.as_ref();
+        let draw = |near| hazard.draw(body_model, &near, 0.0, settings, before).map(|drawn| (drawn, near));
+        let drawn = self.near.and_then(draw);
         match drawn {
             Some((mut drawn, near)) => {
                 drawn.panel.label_m = settings.labels.then(|| self.label.update(now_ns, near.gap_m));
