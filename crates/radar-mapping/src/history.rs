@@ -56,15 +56,14 @@ pub(super) struct History {
 
 impl History {
     /// Adds a sub-aperture that leaves the window.
-    pub fn push(&mut self, subaperture: Subaperture) {
+    pub fn push(&mut self, subaperture: &Subaperture) {
         self.received += 1;
         if !self.received.is_multiple_of(KEEP_EVERY) {
             return;
         }
-        if self.subapertures.len() == MAX_SUBAPERTURES {
-            self.subapertures.pop_front();
-        }
-        self.subapertures.push_back(PointSubaperture::of(subaperture));
+        // Reuses the memory of the oldest, as freeing it among live data would fragment the heap.
+        let oldest = if self.subapertures.len() == MAX_SUBAPERTURES { self.subapertures.pop_front() } else { None };
+        self.subapertures.push_back(PointSubaperture::of(subaperture, oldest));
         let from_ns = self.subapertures.front().map_or(i64::MAX, PointSubaperture::mid_time_ns);
         self.removed.retain(|(_, until_ns)| *until_ns >= from_ns);
     }
@@ -134,7 +133,7 @@ mod tests {
     fn view_of_thing(subaperture: &Subaperture) -> Option<Response> {
         let range_m = subaperture.distance_m(THING);
         let toward = (THING - subaperture.middle.translation) / range_m;
-        let coherence = PointSubaperture::of(subaperture.clone()).coherence_at(THING);
+        let coherence = PointSubaperture::of(subaperture, None).coherence_at(THING);
         Some(Response::new((&subaperture.middle, subaperture.motion), coherence, range_m, toward, &Beam::Lensless))
     }
 
@@ -143,7 +142,7 @@ mod tests {
     fn log_odds(point: DVec3, left: Vec<Subaperture>) -> f64 {
         let (settings, beam, mut past) = (SubapertureSettings::default(), Beam::Lensless, History::default());
         let responses: Vec<_> = subapertures(2.0, &SEEN).iter().map(view_of_thing).collect();
-        left.iter().for_each(|subaperture| past.push(subaperture.clone()));
+        left.iter().for_each(|subaperture| past.push(subaperture));
         assert!(past.subapertures.len() <= MAX_SUBAPERTURES);
         past.evidence_at(point, &responses, (&settings, settings.min_cos(&beam)), &beam).log_odds
     }
@@ -176,7 +175,7 @@ mod tests {
         let (settings, beam, mut past) = (SubapertureSettings::default(), Beam::Lensless, History::default());
         let left = subapertures(3.0, &SEEN);
         let responses: Vec<_> = left.iter().map(view_of_thing).collect();
-        left.iter().for_each(|subaperture| past.push(subaperture.clone()));
+        left.iter().for_each(|subaperture| past.push(subaperture));
         let evidence =
             |past: &History| past.evidence_at(THING, &responses, (&settings, settings.min_cos(&beam)), &beam);
         let before = evidence(&past);
@@ -198,7 +197,8 @@ mod tests {
         for subaperture in subapertures(0.5, &SEEN) {
             let relative = (THING - subaperture.middle.translation).as_vec3().to_array();
             let direct = subaperture.coherence_at_points(&[relative])[0];
-            assert_eq!(PointSubaperture::of(subaperture).coherence_at(THING), direct);
+            let other = PointSubaperture::of(&subapertures(0.3, &[])[0], None);
+            assert_eq!(PointSubaperture::of(&subaperture, Some(other)).coherence_at(THING), direct);
         }
     }
 }

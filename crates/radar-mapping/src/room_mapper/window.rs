@@ -64,7 +64,7 @@ impl Window {
     pub fn drop_before(&mut self, since_ns: i64, mut leave: impl FnMut(&Subaperture)) {
         while let Some(old) = self.subapertures.pop_front_if(|subaperture| subaperture.mid_time_ns < since_ns) {
             leave(&old);
-            self.history.push(old);
+            self.history.push(&old);
         }
     }
 

@@ -109,10 +109,20 @@ impl SweepPath {
 pub struct PointSubaperture(Subaperture);
 
 impl PointSubaperture {
-    /// Keeps what point evaluation needs.
-    pub fn of(block: Subaperture) -> Self {
-        let path = SweepPath { times_s: Vec::new(), ..block.path };
-        Self(Subaperture { path, rows: Rows::none(), partitions: Default::default(), uncancelled: None, ..block })
+    /// Copies what point evaluation needs; reuses the memory of `old` if given.
+    pub fn of(block: &Subaperture, old: Option<Self>) -> Self {
+        let (mut z, mut groups) = old.map_or_else(Default::default, |old| (old.0.z, old.0.path.groups));
+        z.clone_from(&block.z);
+        groups.clone_from(&block.path.groups);
+        Self(Subaperture {
+            z,
+            path: SweepPath { groups, times_s: Vec::new(), ..block.path },
+            rows: Rows::none(),
+            partitions: Default::default(),
+            geometry: Arc::clone(&block.geometry),
+            uncancelled: None,
+            ..*block
+        })
     }
 
     /// See [`Subaperture::middle`].

@@ -128,8 +128,8 @@ fn pairs(session: &Session) -> Vec<Pair> {
         let [tracked_builder, true_builder] = &mut builders[subsweep];
         let closed = tracked_builder.push(observation).zip(true_builder.push(truth));
         pairs.extend(closed.map(|(tracked, truth)| Pair {
-            tracked: PointSubaperture::of(tracked),
-            truth: PointSubaperture::of(truth),
+            tracked: PointSubaperture::of(&tracked, None),
+            truth: PointSubaperture::of(&truth, None),
         }));
     }
     pairs
