@@ -522,10 +522,12 @@ mod tests {
     }
 
     type Path<'a> = &'a dyn Fn(f64) -> DVec3;
+    /// The greatest difference allowed, by the voxels' edge, metres.
+    type Limit = fn(f32) -> f32;
 
     /// Difference between boxes and the exact kernel in units of 1 % + 0.02: the greatest in shares of what `most` allows for the
     /// voxels' edge, and the rms.
-    fn differences(path: impl Fn(f64) -> DVec3, snr: f64, most: fn(f32) -> f32) -> (f32, f32) {
+    fn differences(path: impl Fn(f64) -> DVec3, snr: f64, most: Limit) -> (f32, f32) {
         let block = block(&sweeps(0.089, path, &[(Echo::Point(AT), snr), (Echo::Point(NEAR), snr)], 7));
         let (mut worst, mut squares, mut count) = (0.0f32, 0.0, 0);
         for voxel_m in [0.065, 0.05, 0.025, 0.01] {
@@ -551,7 +553,7 @@ mod tests {
         let whirling = |t: f64| DVec3::new(0.02 * (60.0 * t).cos(), 0.02 * (60.0 * t).sin(), 0.3 * t);
         // The error grows with the box: where a voxel's echo is sampled, the velocity is another than at the middle's.
         let of_whirling = |voxel_m: f32| 3.0 * (voxel_m / 0.05).max(1.0);
-        let paths: [(&str, Path, fn(f32) -> f32); 5] = [
+        let paths: [(&str, Path, Limit); 5] = [
             ("natural", &winding, |_| 1.0),
             ("fast", &fast, |_| 1.0),
             ("straight", &straight, |_| 1.0),
