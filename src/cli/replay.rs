@@ -22,10 +22,11 @@ use radar_mapping::{MountInUse, Observed, Scene};
 use radar_recording::{Header, MapFile, Recording, RecordingSummary, SparsePoses};
 use radar_sar::geometry::Pose;
 
-/// Events that are read at once, and such batches that are read ahead. Choice: a batch is about a second, whose frames are
-/// 1 MB at most usual settings; one is processed while the next is read.
+/// Events that are read at once, samples after which a batch ends earlier, and batches that wait. Choice: a batch is about a
+/// second; whatever a file claims, three batches exist at a time, each of 4 MiB and a frame at most.
 const BATCH: usize = 256;
-const BATCHES_AHEAD: usize = 2;
+const BATCH_SAMPLES: usize = 1 << 20;
+const BATCHES_AHEAD: usize = 1;
 
 /// Runs the mapper over a recording and writes what it finds
 ///
@@ -172,7 +173,7 @@ impl Replay {
         std::thread::scope(|scope| {
             let (sender, batches) = std::sync::mpsc::sync_channel(BATCHES_AHEAD);
             scope.spawn(move || {
-                let batches = std::iter::from_fn(|| Some(recording.take(BATCH).collect::<Vec<Event>>()));
+                let batches = std::iter::from_fn(|| Some(next_batch(recording)));
                 let _ = batches.take_while(|batch| !batch.is_empty()).try_for_each(|batch| sender.send(batch));
             });
             self.take(batches.into_iter().flatten(), mapper, events, outputs)
@@ -228,6 +229,21 @@ impl Replay {
             view,
         }
     }
+}
+
+/// The next events of a recording; none at its end.
+fn next_batch(recording: &mut Recording) -> Vec<Event> {
+    let (mut events, mut samples) = (Vec::new(), 0);
+    while events.len() < BATCH
+        && samples < BATCH_SAMPLES
+        && let Some(event) = recording.next()
+    {
+        if let Event::Frame(frame) = &event {
+            samples += frame.samples.len();
+        }
+        events.push(event);
+    }
+    events
 }
 
 /// What is made of a replay while it runs.
