@@ -126,3 +126,54 @@ impl WarningVisual {
         self.shape.iter_mut().for_each(|shape| shape.id = id);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DMat3;
+    use radar_mapping::{Observed, Obstacle};
+    use radar_sar::geometry::Pose;
+
+    /// A box of 0.6 × 0.9 × 0.3 m on the floor, its middle `grown_m` from the origin, in voxels of 5 cm.
+    fn sofa(grown_m: f64) -> Obstacle {
+        let shape = (0..12 * 18 * 6)
+            .map(|i| DVec3::new((i % 12).into(), (i / 12 % 18).into(), (i / 216).into()) * 0.05)
+            .map(|v| (v + DVec3::new(grown_m - 0.275, 0.025, -0.125), 1.0));
+        Obstacle {
+            id: 1,
+            position_m: DVec3::new(grown_m, 0.45, 0.0),
+            covariance_m2: DMat3::from_diagonal(DVec3::splat(4e-4)),
+            observed: Observed::Position,
+            extent_m: DVec3::new(0.6, 0.9, 0.3),
+            evidence: 10.0,
+            shape: shape.collect(),
+            provisional: false,
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        }
+    }
+
+    #[test]
+    fn what_is_taken_over_from_the_frame_before_equals_what_is_laid_out_anew() {
+        let settings = WarningSettings::default();
+        let (mut before, mut taken_over, mut laid_out): (Option<WarningVisual>, u32, u32) = (None, 0, 0);
+        // Once around it at a changing distance; twice it changes its shape.
+        for step in 0..1200 {
+            let body = ObstacleBody::of(&sofa(f64::from(step / 400) * 0.03)).unwrap();
+            let angle = std::f64::consts::TAU * f64::from(step) / 1200.0;
+            let distance_m = 0.9 + 0.4 * (7.0 * angle).sin();
+            let eye = DVec3::new(angle.sin() * distance_m, 1.6 + 0.1 * (5.0 * angle).sin(), angle.cos() * distance_m);
+            let body_model = BodyModel::still(&Pose::from_translation(eye)).unwrap();
+            let hazard = Hazard::Object(&body);
+            let near = hazard.proximities(&body_model, &settings)[0].clone();
+            let [with, without] = [before.as_ref(), None]
+                .map(|before| hazard.draw(&body_model, &near, 0.5, &settings, before).expect("it is an obstacle"));
+            assert_eq!(with, without, "step {step}");
+            let is_taken_over =
+                before.is_some_and(|before| std::sync::Arc::ptr_eq(&before.panel.silhouette, &with.panel.silhouette));
+            *(if is_taken_over { &mut taken_over } else { &mut laid_out }) += 1;
+            before = Some(with);
+        }
+        assert!(taken_over > 600 && laid_out > 20, "{taken_over} taken over, {laid_out} laid out");
+    }
+}
