@@ -7,6 +7,7 @@ use super::scoring::Score;
 use super::subapertures::WeightedSubapertures;
 use super::{CleanSettings, HandTrail};
 use crate::responses::Response;
+use radar_sar::subaperture::{PlaneAt, Subaperture};
 
 /// The sub-apertures, and what is masked in each so far.
 pub(super) struct Residual<'a> {
@@ -39,9 +40,16 @@ impl<'a> Residual<'a> {
         &self.masks
     }
 
-    /// What a candidate would mask, `[sub-aperture]`.
+    /// What a candidate would mask, `[sub-aperture]`. A plane masks what wall cancellation left of its echo, because points are
+    /// queried in the cleaned sub-apertures.
     pub fn masks_of(&self, candidate: &Candidate) -> Vec<Option<Mask>> {
-        masks_of(self.subapertures.all(), &candidate.responses, self.settings)
+        let all = self.subapertures.all();
+        let Hypothesis::Plane(_) = candidate.hypothesis else {
+            return masks_of(all, &candidate.responses, self.settings);
+        };
+        let each = all.iter().zip(&candidate.responses);
+        let left: Vec<_> = each.map(|(one, response)| response.map(|of_plane| cleaned(one, of_plane))).collect();
+        masks_of(all, &left, self.settings)
     }
 
     /// Masks what a detection accounts for and removes it from the other candidates.
@@ -57,4 +65,10 @@ impl<'a> Residual<'a> {
         }
         self.masks.add(masks);
     }
+}
+
+/// A plane's response with the power that the cleaned sub-aperture has there.
+fn cleaned(one: &Subaperture, of_plane: Response) -> Response {
+    let plane = PlaneAt { toward: of_plane.toward.as_vec3().to_array(), distance_m: of_plane.range_m as f32 };
+    Response { power: f64::from(one.coherence_of_planes(&[plane])[0].power), ..of_plane }
 }
