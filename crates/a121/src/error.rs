@@ -51,6 +51,19 @@ pub enum SessionError {
         /// Further advice.
         hint: &'static str,
     },
+    /// Instead of an answer to a command came what is none.
+    #[error(
+        "no answer to {asked} within {seconds:.1} s, but {bytes} bytes that are no message of a board: another device is at \
+         this port, or the line damages what the board sends; a slower baud rate may help"
+    )]
+    ForeignBytes {
+        /// The command.
+        asked: &'static str,
+        /// How long the session waited, seconds.
+        seconds: f64,
+        /// How many bytes.
+        bytes: u64,
+    },
     /// No two answers about the board were the same.
     #[error("the board's answers about itself keep changing: check its cable, or try a slower baud rate")]
     AnswersDiffer,

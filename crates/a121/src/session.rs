@@ -67,6 +67,8 @@ pub struct Session {
     times: Option<FrameTimes>,
     state: State,
     deadline_ns: i64,
+    /// Bytes that belonged to no message when the last command was sent.
+    skipped_before: u64,
     retries: Retries,
     stale_stop: StaleStop,
     outbox: Outbox,
@@ -88,6 +90,7 @@ impl Session {
             times: None,
             state: State::Closed,
             deadline_ns: i64::MAX,
+            skipped_before: 0,
             retries: Retries::default(),
             stale_stop: StaleStop::default(),
             outbox: Outbox::default(),
@@ -211,6 +214,7 @@ impl Session {
             Request::Start => Command::StartStreaming.to_bytes(),
         };
         self.outbox.act(Action::Send(bytes));
+        self.skipped_before = self.input.counters().skipped_bytes;
         self.enter(State::Awaiting(asked), now_ns.saturating_add(self.patience_ns(asked)));
     }
 
@@ -239,8 +243,7 @@ impl Session {
             State::Awaiting(asked) => {
                 self.counters.unanswered += 1;
                 let seconds = self.patience_ns(asked) as f64 * 1e-9;
-                let hint = asked.hint(self.plan.link);
-                self.retry_after_pause(SessionError::NoAnswer { asked: asked.name(), seconds, hint }, now_ns);
+                self.retry_after_pause(self.unanswered(asked, seconds), now_ns);
             }
             State::Streaming => {
                 self.counters.silences += 1;
@@ -256,6 +259,15 @@ impl Session {
                 self.retry_after_pause(error, now_ns);
             }
             State::Closed | State::Over => self.deadline_ns = i64::MAX,
+        }
+    }
+
+    /// Why a command has no answer.
+    fn unanswered(&self, asked: Request, seconds: f64) -> SessionError {
+        let asked_for = asked.name();
+        match self.input.counters().skipped_bytes - self.skipped_before {
+            0 => SessionError::NoAnswer { asked: asked_for, seconds, hint: asked.hint(self.plan.link) },
+            bytes => SessionError::ForeignBytes { asked: asked_for, seconds, bytes },
         }
     }
 

@@ -493,6 +493,16 @@ fn late_and_endless_stop_replies_are_handled() {
 }
 
 #[test]
+fn bytes_instead_of_an_answer_are_counted_in_the_message() {
+    let mut session =
+        session_with_lines(small_setup(), &["$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M*47\r\n"]);
+    session.poll(3 * S);
+    let trouble = session.next_event();
+    let Some(Event::Trouble(SessionError::ForeignBytes { asked, bytes, .. })) = trouble else { panic!("{trouble:?}") };
+    assert_eq!((asked, bytes), ("get_system_info", 58));
+}
+
+#[test]
 fn board_without_faster_rate_keeps_the_first() {
     for max in [0, 9600, 115_199] {
         let mut board = TestBoard::new();
