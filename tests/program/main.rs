@@ -15,6 +15,8 @@ mod faults;
 mod found;
 mod golden;
 mod gpu_imaging;
+#[cfg(target_os = "linux")]
+mod hostile_port;
 mod links;
 #[cfg(target_os = "linux")]
 mod memory;
@@ -31,6 +33,7 @@ mod saved_map;
 mod sensor_rules;
 mod serve;
 mod settings_file;
+mod tiny_board;
 mod tracking_jumps;
 mod transcripts;
 mod vendor_file;

@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use a121::find::{discover, list_ports};
 use radar_chaperone::app::now_ns;
-use serde_json::Value;
 
 use crate::common::Folder;
+use crate::tiny_board::TinyBoard;
 
 /// Starts a board that serves one client after the other for as long as the tests run; returns its
 /// address.
@@ -24,8 +24,7 @@ fn board() -> String {
 
 fn serve(mut socket: TcpStream) {
     socket.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
-    let (mut line, mut buffer, mut samples) = (Vec::new(), [0; 4096], 0);
-    let (mut period, mut next, mut count) = (Duration::ZERO, None::<Instant>, 0u32);
+    let (mut line, mut buffer, mut board) = (Vec::new(), [0; 4096], TinyBoard::default());
     loop {
         match socket.read(&mut buffer) {
             Ok(0) => return,
@@ -34,45 +33,10 @@ fn serve(mut socket: TcpStream) {
             Err(_) => {}
         }
         while let Some(end) = line.iter().position(|&byte| byte == b'\n') {
-            let command: Value = serde_json::from_slice(&line.drain(..=end).collect::<Vec<u8>>()).unwrap();
-            let config = &command["groups"][0][0]["config"];
-            let answer = match command["cmd"].as_str().unwrap() {
-                "get_system_info" => r#"{"status":"ok","system_info":{"rss_version":"a121-v1.12.0","sensor":"a121",
-                    "sensor_count":1,"ticks_per_second":1000000,"hw":"tiny"}}"#
-                    .replace('\n', " "),
-                "get_sensor_info" => r#"{"status":"ok","sensor_info":[{"connected":true}]}"#.to_owned(),
-                "setup" => {
-                    let points = config["subsweeps"][0]["num_points"].as_u64().unwrap();
-                    period = Duration::from_secs_f64(1.0 / config["frame_rate"].as_f64().unwrap());
-                    samples = points * config["sweeps_per_frame"].as_u64().unwrap();
-                    format!(
-                        "{{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[{{\"frame_data_length\":{samples},\
-                         \"sweep_data_length\":{points},\"base_step_length_m\":0.0025}}]],\"calibration_info\":\
-                         [{{\"sensor_id\":1,\"temperature\":25,\"data\":\"00ff\"}}]}}"
-                    )
-                }
-                "start_streaming" => {
-                    next = Some(Instant::now());
-                    r#"{"status":"start"}"#.to_owned()
-                }
-                _ => {
-                    next = None;
-                    r#"{"status":"stop"}"#.to_owned()
-                }
-            };
-            let _ = socket.write_all((answer + "\n").as_bytes());
+            let _ = socket.write_all(&board.answer(&line.drain(..=end).collect::<Vec<u8>>()));
         }
-        if next.is_some_and(|at| Instant::now() >= at) {
-            next = next.map(|at| at + period);
-            count += 1;
-            let head = format!(
-                "{{\"result_info\":[[{{\"tick\":{},\"data_saturated\":false,\"temperature\":25,\
-                 \"calibration_needed\":false,\"frame_delayed\":false}}]],\"status\":\"ok\",\"payload_size\":{}}}\n",
-                count * period.as_micros() as u32,
-                4 * samples
-            );
-            let payload: Vec<u8> = (0..2 * samples).flat_map(|n| (n as i16).to_le_bytes()).collect();
-            let _ = socket.write_all(&[head.as_bytes(), &payload].concat());
+        if let Some(result) = board.result() {
+            let _ = socket.write_all(&result);
         }
     }
 }
