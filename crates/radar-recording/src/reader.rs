@@ -10,14 +10,14 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use super::chunk::unpack;
+use super::chunk::{MAX_RECORD_BYTES, unpack};
 use super::damaged_places::{has_wrong_length, holds_chunk, read_up_to};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
     FRAME_CHANNEL, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING,
     MOUNT_CHANNEL, POSE_CHANNEL, POSE_TOPIC, decode_frame, decode_hands, decode_pose,
 };
-use super::record::{Fields, channel, message, message_counts, metadata, op};
+use super::record::{Fields, channel, chunk_header, message, message_counts, metadata, op};
 use super::record_source::{CHECKSUM_BYTES, FOOTER_BYTES, FetchedRecord, RecordSource};
 use super::{Damage, RecordingError};
 
@@ -43,9 +43,17 @@ pub struct Recording {
 /// Why reading goes on where the data seemed to have ended.
 const GOES_ON: &str = "the data goes on behind what looks like its end";
 
+/// All chunks of a file may unpack to this many bytes, and to so many more for each byte of the file. Choice: a day of silence from a
+/// sensor that sends 185 kB/s (preset c16), which packs to almost nothing, and far more than noise packs. A file of 100 MB made of
+/// chunks of zeros could unpack to 2 TB otherwise, which takes minutes.
+const MAX_UNPACKED_BYTES: u64 = 16 << 30;
+const MAX_UNPACKED_PER_BYTE: u64 = 100;
+
 /// Content of the chunks read so far.
 #[derive(Debug)]
 pub(super) struct Content {
+    /// To how many bytes the chunks to come may unpack.
+    unpacked_left: u64,
     topics: HashMap<u16, Topic>,
     events: VecDeque<Event>,
     pub damage: Damage,
@@ -70,12 +78,14 @@ impl Recording {
             let path = path.clone();
             move |source| RecordingError::Io { doing, path, source }
         };
-        if !std::fs::metadata(&path).map_err(io_error("open"))?.is_file() {
+        let metadata = std::fs::metadata(&path).map_err(io_error("open"))?;
+        if !metadata.is_file() {
             return Err(RecordingError::NotAFile(path));
         }
         let mut input = BufReader::new(File::open(&path).map_err(io_error("open"))?);
         let start = read_up_to(&mut input, 8).map_err(io_error("read"))?;
-        let mut content = Content::new();
+        let per_byte = metadata.len().saturating_mul(MAX_UNPACKED_PER_BYTE);
+        let mut content = Content::new(per_byte.saturating_add(MAX_UNPACKED_BYTES));
         let mut source = RecordSource::new(input, &start, &path).map_err(io_error("read"))?;
         let opened = check_magic(&path, &start).and_then(|()| read_header(&path, &mut source, &mut content.damage));
         let (header, pending) = match opened {
@@ -245,15 +255,24 @@ impl Iterator for Recording {
 
 impl Content {
     /// The topics with the writer's channel ids, in case the chunk that declares them is damaged.
-    /// Declarations in the file take precedence.
-    pub fn new() -> Self {
+    /// Declarations in the file take precedence. All chunks together may unpack to `unpacked_bytes`.
+    pub fn new(unpacked_bytes: u64) -> Self {
         let topics = [(FRAME_CHANNEL, Topic::Frames), (POSE_CHANNEL, Topic::Poses), (HANDS_CHANNEL, Topic::Hands)];
         let [left, right] = HAND_CHANNELS;
         let others = [HEAD_CHANNEL, MOUNT_CHANNEL, left, right].map(|id| (id, Topic::Other));
-        Self { topics: topics.into_iter().chain(others).collect(), events: VecDeque::new(), damage: Damage::default() }
+        let topics = topics.into_iter().chain(others).collect();
+        Self { unpacked_left: unpacked_bytes, topics, events: VecDeque::new(), damage: Damage::default() }
     }
 
+    /// Takes the events of a chunk record.
+    ///
+    /// # Errors
+    /// Why it, or the rest of it, was skipped.
     pub fn take_chunk(&mut self, record: &[u8]) -> Result<(), String> {
+        let claimed = chunk_header(record).map_or(0, |chunk| chunk.unpacked_bytes.min(MAX_RECORD_BYTES as u64));
+        self.unpacked_left = self.unpacked_left.checked_sub(claimed).ok_or(
+            "the chunks before it unpack to so much more than the file holds that it cannot be a recording of a sensor",
+        )?;
         unpack(record, |opcode, record| self.take_plain(opcode, record))
     }
 

@@ -167,7 +167,7 @@ fn chunks(bytes: &[u8]) -> Vec<(Range<usize>, Vec<String>)> {
     let index = mcap::Summary::read(bytes).unwrap().unwrap();
     let of = |chunk: &mcap::records::ChunkIndex| {
         let (start, length) = (chunk.chunk_start_offset as usize, chunk.chunk_length as usize);
-        let mut content = Content::new();
+        let mut content = Content::new(u64::MAX);
         content.take_chunk(&bytes[start + 9..start + length]).unwrap();
         (start..start + length, content.events.iter().map(|event| format!("{event:?}")).collect())
     };
@@ -404,6 +404,21 @@ fn topics_are_known_with_a_damaged_declaration() {
     assert_eq!((recording.damage().chunks_damaged, recording.damage().messages_skipped), (1, 0));
 }
 
+#[test]
+fn what_all_chunks_unpack_to_is_bounded() {
+    let bytes = recorded(&events(3));
+    let (start, end) = {
+        let range = &chunks(&bytes)[1].0;
+        (range.start, range.end)
+    };
+    let chunk = &bytes[start + 9..end];
+    let unpacked_bytes = chunk_header(chunk).unwrap().unpacked_bytes;
+    let mut content = Content::new(10 * unpacked_bytes + unpacked_bytes / 2);
+    let taken = (0..20).map(|_| content.take_chunk(chunk)).take_while(Result::is_ok).count();
+    assert_eq!(taken, 10);
+    assert!(content.take_chunk(chunk).unwrap_err().contains("cannot be a recording"));
+}
+
 /// Offset of the content of the first top-level record with this opcode, from `from` on.
 fn content_of(bytes: &[u8], opcode: u8, from: usize) -> usize {
     let mut at = from;
@@ -445,7 +460,7 @@ fn chunk_length(bytes: &[u8], content: usize) -> usize {
 
 #[test]
 fn invalid_messages_are_counted_and_skipped() {
-    let mut content = Content::new();
+    let mut content = Content::new(u64::MAX);
     content.topics.insert(1, Topic::Frames);
     content.topics.insert(2, Topic::Poses);
     content.topics.insert(3, Topic::Other);
