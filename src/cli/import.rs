@@ -9,13 +9,13 @@ use clap::Args;
 
 use super::files::ReplaceArgument;
 use crate::app::limit_memory_of_this_process;
-use radar_recording::{ImportOptions, import_h5};
+use radar_recording::{ImportOptions, import_h5, remove_unfinished};
 use radar_sar::HistorySettings;
 use radar_sar::geometry::Pose;
 
-/// Limit of the process that reads the file, bytes. Choice: three times the gibibyte that is read at most (file, samples, frames),
-/// and what the allocator reserves.
-const MAX_MEMORY_BYTES: u64 = 5 << 30;
+/// Limit of the process that reads the file, bytes. Choice: the gibibyte that a file may have, and as much for all else and what the
+/// allocator reserves.
+const MAX_MEMORY_BYTES: u64 = 2 << 30;
 
 /// Converts a recording of the vendor's exploration tool and a pose track into a recording
 ///
@@ -68,18 +68,22 @@ impl Import {
         let program = std::env::current_exe().context("cannot find this program's own file")?;
         let mut reader = Command::new(&program);
         reader.args(["import", "--isolated"]).args(std::env::args_os().skip(2));
-        let status = reader.status().with_context(|| format!("cannot start {}", program.display()))?;
+        let mut reader = reader.spawn().with_context(|| format!("cannot start {}", program.display()))?;
+        let status = reader.wait().context("cannot wait for the reader of .h5 files")?;
         match status.code() {
             Some(0) => Ok(()),
             // It has said why.
             Some(code @ (1 | 2)) => std::process::exit(code),
-            _ => bail!(
-                "the reader of .h5 files ended abruptly ({status}): {} is damaged, or needs more than {} GiB of memory; {} \
-                 was not written",
-                self.frames.display(),
-                MAX_MEMORY_BYTES >> 30,
-                self.out.display()
-            ),
+            _ => {
+                remove_unfinished(&self.out, reader.id());
+                bail!(
+                    "the reader of .h5 files ended abruptly ({status}): {} is damaged, or needs more than {} GiB of memory; {} \
+                     was not written",
+                    self.frames.display(),
+                    MAX_MEMORY_BYTES >> 30,
+                    self.out.display()
+                )
+            }
         }
     }
 
@@ -93,8 +97,7 @@ impl Import {
         if let Some(pose) = &self.fixed_pose {
             options.fixed_pose = Some(parse_pose("pose", pose)?);
         }
-        let imported = import_h5(&self.frames, self.poses.as_deref(), &options)?;
-        let summary = imported.write(&self.out)?;
+        let summary = import_h5(&self.frames, self.poses.as_deref(), &options)?.write(&self.out)?;
         if let Some(sparse) = summary.sparse_poses(HistorySettings::default().max_gap_s) {
             log::warn!("{}", sparse.remedy());
         }

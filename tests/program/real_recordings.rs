@@ -5,8 +5,8 @@
 //! `frame[i]` as little-endian i16, real before imaginary, through `zlib.crc32`; tick, temperature
 //! and flags as stored.
 
-use a121::Frame;
 use a121::vendor_h5::VendorRecording;
+use a121::{Frame, SensorConfig};
 use radar_mapping::Event;
 use radar_recording::Recording;
 use radar_simulation::RecordedSensor;
@@ -123,11 +123,13 @@ fn scenes_at_rest_show_the_jitter_of_the_model() {
     let folder = Folder::new("sensor_at_rest");
     let read = |name: &str| {
         folder.copy_real(name);
-        VendorRecording::read(folder.path(name)).unwrap()
+        let recording = VendorRecording::open(folder.path(name)).unwrap();
+        let frames: Vec<Frame> = recording.frames().collect::<Result<_, _>>().unwrap();
+        (recording.config, frames)
     };
     let (full, empty) = (read("waste-level-full.h5"), read("waste-level-empty.h5"));
-    let of = |recordings: &[&VendorRecording]| {
-        let scenes = recordings.iter().map(|recording| (&recording.config, recording.frames.as_slice()));
+    let of = |recordings: &[&(SensorConfig, Vec<Frame>)]| {
+        let scenes = recordings.iter().map(|(config, frames)| (config, frames.as_slice()));
         RecordedSensor::of_scenes_at_rest(scenes).unwrap()
     };
     let (rms_rad, hwaas) = of(&[&full, &empty]).phase_jitter().unwrap();

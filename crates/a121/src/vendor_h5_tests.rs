@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use hdf5_pure::{CompoundTypeBuilder, FileBuilder};
+use serde_json::Value;
 
 use super::*;
 use crate::preset;
@@ -26,8 +27,35 @@ impl Drop for TestFile {
     }
 }
 
-fn read(bytes: &[u8]) -> Result<VendorRecording, VendorFileError> {
-    VendorRecording::read(&TestFile::with(bytes).0)
+/// A recording, and its frames.
+struct Whole {
+    recording: VendorRecording,
+    frames: Vec<Frame>,
+}
+
+impl std::fmt::Debug for Whole {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        self.recording.fmt(f)
+    }
+}
+
+impl std::ops::Deref for Whole {
+    type Target = VendorRecording;
+
+    fn deref(&self) -> &VendorRecording {
+        &self.recording
+    }
+}
+
+fn whole(path: impl AsRef<Path>) -> Result<Whole, VendorFileError> {
+    let recording = VendorRecording::open(path)?;
+    let frames: Vec<Frame> = recording.frames().collect::<Result<_, _>>()?;
+    assert!(recording.times_ns().eq(frames.iter().map(|frame| frame.host_time_ns)));
+    Ok(Whole { recording, frames })
+}
+
+fn read(bytes: &[u8]) -> Result<Whole, VendorFileError> {
+    whole(&TestFile::with(bytes).0)
 }
 
 fn message(bytes: &[u8]) -> String {
@@ -148,7 +176,7 @@ fn update_rate_of_the_session_is_the_frame_rate() {
 
 #[test]
 fn foreign_files_are_rejected_with_a_reason() {
-    let of_path = |path: &Path| VendorRecording::read(path).unwrap_err().to_string();
+    let of_path = |path: &Path| whole(path).unwrap_err().to_string();
     assert!(of_path(Path::new("/no/such.h5")).contains("cannot read /no/such.h5"));
     assert!(of_path(&std::env::temp_dir()).contains("is a folder"));
     assert!(message(b"").contains("cannot be read as HDF5"));
@@ -315,17 +343,16 @@ fn with_claimed_frames(claims: &Claims, claimed: u64) -> Vec<u8> {
 #[test]
 fn lengths_in_a_file_are_not_believed() {
     let claims = Claims::sound(5);
-    let (unread, held, limit) = ("cannot be read", "bytes can hold", "more than the 1073741824 bytes");
-    let cases = [
-        (4, unread),
-        (6, unread),
-        (1 << 14, unread),
-        (1 << 20, held),
-        (1 << 23, limit),
-        (1 << 40, limit),
-        (u64::MAX, limit),
-    ];
-    for (claimed, says) in cases {
+    // Frames that only one of the data sets has are left out and counted.
+    for (claimed, frames) in [(6, 5), (1 << 14, 5)] {
+        let recording = read(&with_claimed_frames(&claims, claimed)).unwrap();
+        let incomplete = recording.unfinished.unwrap().incomplete_frames;
+        assert_eq!((recording.frames.len() as u64, incomplete), (frames, claimed - frames), "{claimed}");
+    }
+    let (held, limit) = ("bytes can hold", "frames, more than the 2097152");
+    for (claimed, says) in
+        [(4, "cannot be read"), (1 << 20, held), (1 << 23, limit), (1 << 40, limit), (u64::MAX, limit)]
+    {
         let message = message(&with_claimed_frames(&claims, claimed));
         assert!(message.contains(says), "{claimed}: {message}");
     }
@@ -395,7 +422,7 @@ fn real_recordings_match_h5py() {
         ),
     ];
     for (name, count, points, checksums, last_ns) in known {
-        let recording = VendorRecording::read(real(name)).unwrap();
+        let recording = whole(real(name)).unwrap();
         let frames = &recording.frames;
         assert_eq!(frames.len(), count, "{name}");
         assert!(frames.iter().all(|f| f.samples.len() == points), "{name}");
@@ -424,11 +451,11 @@ fn every_real_recording_is_read() {
     names.retain(|path| path.extension().is_some_and(|extension| extension == "h5"));
     assert!(!names.is_empty());
     for path in names {
-        let recording = VendorRecording::read(&path).unwrap();
+        let recording = whole(&path).unwrap();
         println!("{}: {} frames, {:?}", path.display(), recording.frames.len(), recording.contents);
         assert!(!recording.frames.is_empty(), "{}", path.display());
     }
-    let contents = |name: &str| VendorRecording::read(real(name)).unwrap().contents;
+    let contents = |name: &str| whole(real(name)).unwrap().contents;
     assert_eq!(contents("cargo_20_feet_utilization_and_presence.h5").sessions, 10);
     assert_eq!(contents("hand-motion-default.h5").sessions, 4);
     assert!(!contents("input.h5").has_more());

@@ -73,6 +73,9 @@ pub enum ImportError {
     /// A recording of the vendor's tool that cannot be read.
     #[error(transparent)]
     Vendor(#[from] VendorFileError),
+    /// The recording that is written.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
     /// The system refused a file operation.
     #[error("cannot read {path}: {source}")]
     Io {

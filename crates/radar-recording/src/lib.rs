@@ -86,7 +86,7 @@ mod writer;
 pub use damage::Damage;
 pub use error::{ImportError, RecordingError};
 pub use header::{FORMAT_VERSION, Header, SensorMetadata};
-pub use import::{ImportOptions, Imported, import_h5};
+pub use import::{Import, ImportOptions, import_h5};
 pub use map_file::{MAX_ROOMS, MapFile, MapFileError, MapFolder};
 pub use reader::Recording;
 pub use results::wire as results_messages;
@@ -94,5 +94,5 @@ pub use results::{BeamCone, OffsetEstimate, ResultsCounters, ResultsWriter, Snap
 pub use small_file::{MAX_SMALL_BYTES, read_small_text};
 pub use summary::{RecordingSummary, SparsePoses, StreamSummary};
 pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};
-pub use whole_file::{Readers, WholeFile, create_new, write_whole, write_whole_through_links};
+pub use whole_file::{Readers, WholeFile, create_new, remove_unfinished, write_whole, write_whole_through_links};
 pub use writer::RecordingWriter;

@@ -20,7 +20,7 @@ use radar_mapping::{Mapper, MappingSettings, Mode, Scene};
 use radar_sar::geometry::Pose;
 
 use super::test_files::real_recording;
-use super::{ImportOptions, Imported, import_h5};
+use super::{Import, ImportOptions, import_h5};
 
 /// A recording, and what is known to be in it.
 struct RealScene {
@@ -80,12 +80,12 @@ struct Mapped {
     moving: usize,
 }
 
-fn imported(scene: &RealScene) -> Imported {
+fn imported(scene: &RealScene) -> Import {
     let options = ImportOptions { fixed_pose: Some(Pose::IDENTITY), ..ImportOptions::default() };
     import_h5(&real_recording(&format!("{}.h5", scene.name)), None, &options).unwrap()
 }
 
-fn mapped(name: &str, imported: &Imported, mode: Mode) -> Mapped {
+fn mapped(name: &str, imported: &Import, mode: Mode) -> Mapped {
     let mut settings = MappingSettings::default();
     settings.processing.mode = mode;
     let header = &imported.header;
@@ -93,7 +93,7 @@ fn mapped(name: &str, imported: &Imported, mode: Mode) -> Mapped {
     let mut moving = 0;
     let mut count = |scene: &Scene| moving += scene.moving.len();
     for event in imported.events() {
-        mapper.push(event).unwrap();
+        mapper.push(event.unwrap()).unwrap();
         if let Some(scene) = mapper.poll_scene() {
             count(&scene);
         }
@@ -115,7 +115,7 @@ fn real_scenes_show_what_is_known_to_be_there() {
     for scene in &SCENES {
         let name = scene.name;
         let imported = imported(scene);
-        assert_eq!(imported.frames.len(), scene.frames, "{name}");
+        assert_eq!(imported.vendor.frame_count(), scene.frames, "{name}");
         let found = mapped(name, &imported, Mode::Auto);
         println!("{name}: {:?}, reflectors at {:.3?} m, {} moving", found.kind, found.ranges_m, found.moving);
         assert_eq!(found.kind, scene.kind, "{name}");

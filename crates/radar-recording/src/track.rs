@@ -2,8 +2,8 @@
 //! by line, from a complete file or while another program writes it.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
+use std::io::{BufRead, BufReader, Read, Take};
+use std::path::{Path, PathBuf};
 
 use super::ImportError;
 use super::csv_track::{CSV_HEAD, Columns, csv_line};
@@ -100,47 +100,88 @@ impl TrackParser {
 /// A file that cannot be read; a line with too few or too many columns, with a word that is not a
 /// number, or with a time beyond ±292 years; a CSV whose first line has no column names.
 pub fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
-    let io_error = |source| ImportError::Io { path: path.to_owned(), source };
-    let metadata = std::fs::metadata(path).map_err(io_error)?;
-    if !metadata.is_file() {
-        return Err(ImportError::NotAFile(path.to_owned()));
-    }
-    if metadata.len() > MAX_TRACK_BYTES {
-        let (bytes, max) = (metadata.len(), MAX_TRACK_BYTES);
-        return Err(ImportError::TooBig { path: path.to_owned(), what: "the track".into(), bytes, max });
-    }
-    let input = BufReader::new(File::open(path).map_err(io_error)?).take(MAX_TRACK_BYTES);
-    read_track_from(input, TrackFormat::of(path), path)
+    TrackFile::open(path)?.collect()
 }
 
 /// Reads a track from an open input; `name` is its name in messages.
 ///
 /// # Errors
 /// As [`read_track`].
-pub fn read_track_from(
-    mut input: impl BufRead,
-    format: TrackFormat,
-    name: &Path,
-) -> Result<Vec<PoseSample>, ImportError> {
-    let mut parser = TrackParser::new(format);
-    let mut poses: Vec<PoseSample> = Vec::new();
-    for line in 1.. {
-        let line_error =
-            |reason| ImportError::TrackLine { path: name.to_owned(), line, reason, example: format.example_line() };
+pub fn read_track_from(input: impl BufRead, format: TrackFormat, name: &Path) -> Result<Vec<PoseSample>, ImportError> {
+    TrackFile::new(input, format, name).collect()
+}
+
+/// The poses of a track, read one after the other, as [`read_track`] does. Nothing follows an error.
+pub(super) struct TrackFile<R> {
+    input: R,
+    name: PathBuf,
+    parser: TrackParser,
+    /// Lines read so far.
+    lines: usize,
+    ended: bool,
+}
+
+impl TrackFile<Take<BufReader<File>>> {
+    pub fn open(path: &Path) -> Result<Self, ImportError> {
+        let io_error = |source| ImportError::Io { path: path.to_owned(), source };
+        let metadata = std::fs::metadata(path).map_err(io_error)?;
+        if !metadata.is_file() {
+            return Err(ImportError::NotAFile(path.to_owned()));
+        }
+        if metadata.len() > MAX_TRACK_BYTES {
+            let (bytes, max) = (metadata.len(), MAX_TRACK_BYTES);
+            return Err(ImportError::TooBig { path: path.to_owned(), what: "the track".into(), bytes, max });
+        }
+        let input = BufReader::new(File::open(path).map_err(io_error)?).take(MAX_TRACK_BYTES);
+        Ok(Self::new(input, TrackFormat::of(path), path))
+    }
+}
+
+impl<R: BufRead> TrackFile<R> {
+    fn new(input: R, format: TrackFormat, name: &Path) -> Self {
+        Self { input, name: name.to_owned(), parser: TrackParser::new(format), lines: 0, ended: false }
+    }
+
+    /// What the next line says; `None` at the end.
+    fn next_line(&mut self) -> Result<Option<Option<PoseSample>>, ImportError> {
         let mut bytes = Vec::new();
         let most = MAX_TRACK_LINE_BYTES as u64;
-        let io_error = |source| ImportError::Io { path: name.to_owned(), source };
-        let read = input.by_ref().take(most).read_until(b'\n', &mut bytes).map_err(io_error)?;
+        let io_error = |source| ImportError::Io { path: self.name.clone(), source };
+        let read = self.input.by_ref().take(most).read_until(b'\n', &mut bytes).map_err(io_error)?;
+        self.lines += 1;
         if read == 0 {
-            break;
+            return Ok(None);
         }
         if read == MAX_TRACK_LINE_BYTES {
-            return Err(line_error(format!("longer than {MAX_TRACK_LINE_BYTES} bytes")));
+            return Err(self.line_error(format!("longer than {MAX_TRACK_LINE_BYTES} bytes")));
         }
-        let text = std::str::from_utf8(&bytes).map_err(|_| line_error("not text".into()))?;
-        poses.extend(parser.line(text).map_err(line_error)?);
+        let text = std::str::from_utf8(&bytes).map_err(|_| self.line_error("not text".into()))?;
+        self.parser.line(text).map(Some).map_err(|reason| self.line_error(reason))
     }
-    Ok(poses)
+
+    fn line_error(&self, reason: String) -> ImportError {
+        let example = self.parser.format.example_line();
+        ImportError::TrackLine { path: self.name.clone(), line: self.lines, reason, example }
+    }
+}
+
+impl<R: BufRead> Iterator for TrackFile<R> {
+    type Item = Result<PoseSample, ImportError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while !self.ended {
+            match self.next_line() {
+                Ok(Some(None)) => {}
+                Ok(Some(Some(pose))) => return Some(Ok(pose)),
+                Ok(None) => self.ended = true,
+                Err(error) => {
+                    self.ended = true;
+                    return Some(Err(error));
+                }
+            }
+        }
+        None
+    }
 }
 
 #[cfg(test)]

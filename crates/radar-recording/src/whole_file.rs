@@ -34,10 +34,10 @@ impl WholeFile {
         if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
             return Err(io::Error::other("it is a folder, a device or a pipe, not a file"));
         }
-        let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_string_lossy();
+        let start = neighbour_start(path, std::process::id()).ok_or(io::ErrorKind::InvalidInput)?;
         loop {
             let number = NEXT.fetch_add(1, Ordering::Relaxed);
-            let neighbour = path.with_file_name(format!(".{name}.{}-{number}.tmp", std::process::id()));
+            let neighbour = path.with_file_name(format!("{start}{number}{NEIGHBOUR_END}"));
             match create_new(&neighbour, readers) {
                 // One that a killed process of the same number left.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
@@ -61,6 +61,26 @@ impl WholeFile {
         self.is_finished = true;
         sync_folder(&self.path);
         Ok(())
+    }
+}
+
+/// How the names of a process' neighbours of a file begin and end.
+fn neighbour_start(path: &Path, process: u32) -> Option<String> {
+    Some(format!(".{}.{process}-", path.file_name()?.to_string_lossy()))
+}
+const NEIGHBOUR_END: &str = ".tmp";
+
+/// Removes what a process that was killed had written of a file.
+pub fn remove_unfinished(path: &Path, process: u32) {
+    let (Some(start), Some(folder)) = (neighbour_start(path, process), path.parent()) else { return };
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    for file in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = file.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(&start) && name.ends_with(NEIGHBOUR_END) {
+            // The process' end is the failure to report.
+            let _ = fs::remove_file(file.path());
+        }
     }
 }
 

@@ -8,7 +8,8 @@ mod results;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use a121::vendor_h5::VendorRecording;
+use a121::Frame;
+use a121::vendor_h5::{VendorFileError, VendorRecording};
 use anyhow::{Context, Result, bail};
 use radar_chaperone::outln;
 use radar_simulation::RecordedSensor;
@@ -44,13 +45,18 @@ fn make_folder(folder: &Path) -> Result<()> {
 /// Jitter and noise of recordings of the sensor at rest; without recordings, the model's are used.
 fn recorded_sensor(paths: &[PathBuf]) -> Result<Option<Arc<RecordedSensor>>> {
     let read = |path: &PathBuf| {
-        VendorRecording::read(path).with_context(|| format!("cannot read the recording {}", path.display()))
+        let read = || {
+            let recording = VendorRecording::open(path)?;
+            let frames: Vec<Frame> = recording.frames().collect::<Result<_, _>>()?;
+            Ok::<_, VendorFileError>((recording.config, frames))
+        };
+        read().with_context(|| format!("cannot read the recording {}", path.display()))
     };
     let recordings = paths.iter().map(read).collect::<Result<Vec<_>>>()?;
     if recordings.is_empty() {
         return Ok(None);
     }
-    let scenes = recordings.iter().map(|recording| (&recording.config, recording.frames.as_slice()));
+    let scenes = recordings.iter().map(|(config, frames)| (config, frames.as_slice()));
     let recorded = RecordedSensor::of_scenes_at_rest(scenes)?;
     let jitter = match recorded.phase_jitter() {
         Some((rms_rad, hwaas)) => format!("recorded, {rms_rad:.3} rad with HWAAS {hwaas}"),

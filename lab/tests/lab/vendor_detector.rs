@@ -15,10 +15,10 @@ use crate::common::real_recording;
 #[ignore = "needs the vendor's recordings in ../shared/recordings"]
 fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {
     let [frames, track] = ["medium_tank.h5", "medium_tank_poses.tum"].map(real_recording);
-    let imported = import_h5(&frames, Some(&track), &ImportOptions::default()).unwrap();
-    let (config, frames) = (imported.header.config, imported.frames);
+    let import = import_h5(&frames, Some(&track), &ImportOptions::default()).unwrap();
+    let (config, frames) = (&import.header.config, import.vendor.frames().collect::<Result<Vec<_>, _>>().unwrap());
     let position = |pose: &PoseSample| (pose.time_ns, pose.tracking_from_head().unwrap().translation.z);
-    let poses: Vec<(i64, f64)> = imported.poses.iter().map(position).collect();
+    let poses: Vec<(i64, f64)> = import.poses().map(|pose| position(&pose.unwrap())).collect();
     // Profile 3: its subsweep follows that of profile 1.
     let (before, subsweep) = (config.subsweeps[0].num_points as usize, config.subsweeps[1]);
     let sweeps = |frame: &Frame| vec![frame.samples[before..before + subsweep.num_points as usize].to_vec()];
