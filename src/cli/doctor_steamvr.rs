@@ -18,7 +18,12 @@ const MAX_CHECK: Duration = Duration::from_secs(30);
 
 /// Checks SteamVR in a process of its own: the runtime's library may end the process in which it is loaded, or hang it.
 pub(super) fn check_steamvr_apart(findings: &mut Findings) -> Result<()> {
-    let mut child = Command::new(own_path()?)
+    let own = match own_path() {
+        Ok(own) => own,
+        // Without /proc, as in some containers: all else is checked.
+        Err(error) => return findings.warn("SteamVR", &format!("not checked: {error:#}")),
+    };
+    let mut child = Command::new(own)
         .args(["doctor", "--steamvr-in-this-process"])
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
