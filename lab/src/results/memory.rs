@@ -1,5 +1,7 @@
 //! The page of peak memory: every command that reads a recording, over files made to swell.
 
+mod vendor_file;
+
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -16,7 +18,7 @@ use radar_recording::{Header, RecordingWriter};
 use radar_sar::geometry::Pose;
 use radar_sar::{PoseSample, TrackingResult};
 
-/// Commands, where they write, and further options.
+/// Commands on a recording: where they write, and further options.
 const COMMANDS: [(&str, &str, &str); 7] = [
     ("info", "", ""),
     ("replay", "", ""),
@@ -25,6 +27,11 @@ const COMMANDS: [(&str, &str, &str); 7] = [
     ("reconstruct", "--out out.npy", "--sweeps 200"),
     ("reconstruct", "--out out.npy", "--sweeps 200 --search adaptive"),
     ("calibrate", "", ""),
+];
+/// The same on a file of the vendor's tool, in the process that reads it.
+const IMPORTS: [(&str, &str, &str); 2] = [
+    ("import", "--isolated --out out.mcap", "--fixed-pose"),
+    ("import", "--isolated --out out.mcap", "--poses track.tum"),
 ];
 /// How long a command may take before it is stopped. Choice: long enough for its memory to have become steady.
 const MAX_DURATION: Duration = Duration::from_secs(60);
@@ -63,7 +70,8 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
         .text(
             "Greatest resident memory of each command that reads a recording, over recordings made to swell: millions of \
              frames without a sample, of poses, and hours of silence, which take a hundredth of their size on disk; and \
-             noise, which does not shrink. `reconstruct` makes its volume of 3 m in voxels of 5 cm. A command that took \
+             noise, which does not shrink. Files of the vendor's tool: silence that is packed, noise that is not, and with \
+             them a track of 100 MB. `reconstruct` makes its volume of 3 m in voxels of 5 cm. A command that took \
              longer than a minute was stopped.",
         )
         .table(&table?)
@@ -71,7 +79,9 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
             "By design: one chunk of a recording, at most 32 MiB, and its events are held at a time. `reconstruct` holds the \
              sweeps that it uses, at most 60 000 (20 000 with `--search adaptive`) with 8 bytes a sample and 5 to 46 kB of \
              tables each, and 40 bytes for each of at most two million sweeps to choose among. `calibrate` holds the first \
-             40 MiB of the streams and what it computes from them. `replay` holds what the map needs, whatever the length.",
+             40 MiB of the streams and what it computes from them. `replay` holds what the map needs, whatever the length, and \
+             reads at most two batches of 2^20 samples ahead. `import` holds the file, at most 1 GiB, and 24 bytes for each of at \
+             most two million frames.",
         ))
 }
 
@@ -81,26 +91,44 @@ fn measured(program: &Path, folder: &Path, extent: Extent) -> Result<Table> {
     for file in files(extent) {
         let path = folder.join("in.mcap");
         file.write(&path)?;
-        let megabytes = std::fs::metadata(&path)?.len() as f64 * 1e-6;
-        for (command, out, options) in COMMANDS {
-            let mut run = Command::new(program);
-            run.arg(command).arg(&path).args(out.split_whitespace()).args(options.split_whitespace());
-            let (peak_kib, took_s, end) = watch(run.current_dir(folder), MAX_DURATION)?;
-            rows.push(vec![
-                file.name.into(),
-                format!("{megabytes:.1}"),
-                format!("{command} {options}"),
-                (peak_kib / 1024).to_string(),
-                format!("{took_s:.0}"),
-                end,
-            ]);
-            ["out.mcap", "out.npy", "out.json"]
-                .into_iter()
-                .for_each(|name| drop(std::fs::remove_file(folder.join(name))));
-        }
+        rows.extend(measured_commands(program, file.name, &path, &COMMANDS)?);
+        std::fs::remove_file(path)?;
+    }
+    let track = vendor_file::track(extent.choose(6_250_000, 1000));
+    std::fs::write(folder.join("track.tum"), track)?;
+    for (name, is_silent, samples) in [
+        ("vendor's, silence", true, extent.choose(250_000_000, 100_000)),
+        ("vendor's, noise", false, extent.choose(25_000_000, 100_000)),
+    ] {
+        let path = folder.join("in.h5");
+        std::fs::write(&path, vendor_file::h5(samples / samples_per_frame(), is_silent)?)?;
+        rows.extend(measured_commands(program, name, &path, &IMPORTS)?);
         std::fs::remove_file(path)?;
     }
     Ok(Table { head, rows, caption: String::new() })
+}
+
+/// A row for each command on a file.
+fn measured_commands(
+    program: &Path,
+    name: &str,
+    path: &Path,
+    commands: &[(&str, &str, &str)],
+) -> Result<Vec<Vec<String>>> {
+    let megabytes = std::fs::metadata(path)?.len() as f64 * 1e-6;
+    let folder = path.parent().context("the file is in a folder")?;
+    let row = |(command, out, options): &(&str, &str, &str)| {
+        let mut run = Command::new(program);
+        run.arg(command).arg(path).args(out.split_whitespace()).args(options.split_whitespace());
+        let (peak_kib, took_s, end) = watch(run.current_dir(folder), MAX_DURATION)?;
+        for name in ["out.mcap", "out.npy", "out.json"] {
+            let _ = std::fs::remove_file(folder.join(name));
+        }
+        let peak_mib = (peak_kib / 1024).to_string();
+        let command = format!("{command} {options}");
+        Ok(vec![name.into(), format!("{megabytes:.1}"), command, peak_mib, format!("{took_s:.0}"), end])
+    };
+    commands.iter().map(row).collect()
 }
 
 fn files(extent: Extent) -> [Swelling; 4] {
