@@ -1,18 +1,23 @@
-//! Runs `src/app/queue.rs`, compiled with the locks of shuttle, under schedulers that choose which thread goes on at each lock. A
+//! Runs `src/app/queue.rs` and `src/app/handover.rs`, compiled with the locks of shuttle, under schedulers that choose which thread goes on at each lock. A
 //! violated claim, or threads that wait for each other for ever, ends the program with the schedule that led there.
 //!
 //! A wait never times out here: what only a time-out would repair is found as a deadlock.
 
 mod sync {
+    pub use shuttle::sync::atomic::{AtomicU64, Ordering};
     pub use shuttle::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, TryLockError};
 }
 // Parts that the models do not need.
+#[allow(dead_code)]
+#[path = "../../src/app/handover.rs"]
+mod handover;
 #[allow(dead_code)]
 #[path = "../../src/app/queue.rs"]
 mod queue;
 
 use std::time::Duration;
 
+use handover::{Newest, NewestOfEpoch, OfEpoch};
 use queue::{MapperInput, Queue, Received};
 use shuttle::sync::Arc;
 use shuttle::thread;
@@ -93,8 +98,77 @@ fn a_waiting_consumer_is_woken() {
     assert_eq!(consumer.join().unwrap(), Received::Closed);
 }
 
+/// Settings: a reader takes changes in their order, and with its next look after the last change it has that.
+fn no_change_of_the_settings_is_missed() {
+    let settings = Arc::new(Newest::new(0));
+    let maker = thread::spawn({
+        let settings = Arc::clone(&settings);
+        move || (1..=SENT).for_each(|n| assert_eq!(*settings.publish(Arc::new(n)), n - 1))
+    });
+    let (mut version, mut taken) = (1, 0);
+    let mut look = || {
+        if let Some(newer) = settings.newer_than(&mut version) {
+            assert!(*newer >= taken, "{newer} after {taken}");
+            taken = *newer;
+        }
+        taken
+    };
+    (0..SENT).for_each(|_| _ = look());
+    maker.join().unwrap();
+    assert_eq!(look(), SENT);
+    assert_eq!(*settings.get(), SENT);
+}
+
+/// A map with a number that grows with each one.
+struct Map {
+    epoch: u64,
+    number: u32,
+}
+
+impl OfEpoch for Map {
+    fn nothing(epoch: u64) -> Self {
+        Self { epoch, number: 0 }
+    }
+
+    fn epoch(&self) -> u64 {
+        self.epoch
+    }
+}
+
+/// Maps: after a reset no reader gets one from before it, and within an epoch none gets an older one than it had.
+fn no_map_of_before_a_reset_is_given() {
+    let maps = Arc::new(NewestOfEpoch::<Map>::new());
+    let maker = thread::spawn({
+        let maps = Arc::clone(&maps);
+        // As the mapper does: the epoch is asked before a map is made.
+        move || (1..=SENT).for_each(|number| maps.publish(Map { epoch: maps.epoch(), number }))
+    });
+    let reader = |resets: u64| {
+        let maps = Arc::clone(&maps);
+        thread::spawn(move || {
+            let mut had = (0, 0);
+            for look in 0..2 * SENT {
+                let least = if look % 2 == 0 && u64::from(look / 2) < resets { maps.reset() } else { maps.epoch() };
+                let map = maps.latest();
+                assert!(map.epoch >= least, "a map of epoch {} in epoch {least}", map.epoch);
+                assert!((map.epoch, map.number) >= had, "{}, {} after {had:?}", map.epoch, map.number);
+                had = (map.epoch, map.number);
+            }
+        })
+    };
+    // The frame loop resets; the desktop's view only reads.
+    let readers = [reader(2), reader(0)];
+    readers.into_iter().for_each(|reader| reader.join().unwrap());
+    maker.join().unwrap();
+    let last = maps.latest();
+    assert_eq!(last.epoch, 2);
+    assert!(last.number == SENT || last.number == 0);
+}
+
 fn main() {
-    let models: [(&str, fn()); 2] = [
+    let models: [(&str, fn()); 4] = [
+        ("no change of the settings is missed", no_change_of_the_settings_is_missed),
+        ("no map of before a reset is given", no_map_of_before_a_reset_is_given),
         ("every message is received or counted", every_message_is_received_or_counted),
         ("a waiting consumer is woken", a_waiting_consumer_is_woken),
     ];

@@ -10,6 +10,7 @@ mod file_type;
 mod folders;
 mod frame_intake;
 mod frame_loss;
+mod handover;
 mod headset;
 mod host_clock;
 mod instance;

@@ -1,3 +1,4 @@
-//! The locks of [`super::queue`]: `interleavings/` compiles that file with others in their place.
+//! The locks of [`super::queue`] and [`super::handover`]: `interleavings/` compiles these files with others in their place.
 
+pub(super) use std::sync::atomic::{AtomicU64, Ordering};
 pub(super) use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, TryLockError};

@@ -500,6 +500,7 @@ impl PlacedScene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::handover::OfEpoch;
     use crate::warning::{WarningSettings, Wearer};
     use glam::{DMat3, DQuat, DVec3};
     use radar_mapping::{Observed, Obstacle};

@@ -11,9 +11,10 @@ mod worker;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
+use super::handover::{NewestOfEpoch, OfEpoch};
 use super::queue::{MapperInput, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::settings::Settings;
@@ -94,9 +95,9 @@ pub struct PublishedMap {
     pub epoch: u64,
 }
 
-impl PublishedMap {
+impl OfEpoch for PublishedMap {
     /// An empty map.
-    pub(crate) fn nothing(epoch: u64) -> Self {
+    fn nothing(epoch: u64) -> Self {
         Self {
             number: 0,
             scene: Arc::new(Scene::default()),
@@ -108,6 +109,10 @@ impl PublishedMap {
             drift_m: None,
             epoch,
         }
+    }
+
+    fn epoch(&self) -> u64 {
+        self.epoch
     }
 }
 
@@ -154,9 +159,8 @@ struct Input {
 
 /// State shared by both sides.
 struct Shared {
-    newest: Mutex<Arc<PublishedMap>>,
+    map: NewestOfEpoch<PublishedMap>,
     counters: Mutex<ReconstructionCounters>,
-    epoch: AtomicU64,
     /// A saved map to restore, and its epoch.
     pending_map: Mutex<Option<(u64, SavedMap)>>,
     /// The current map for saving, and its epoch.
@@ -181,8 +185,6 @@ pub struct Reconstruction {
     frames: MapperInput<Input, 3>,
     poses: MapperInput<Input, 3>,
     hands: MapperInput<Input, 3>,
-    /// The last value returned to a reader.
-    last_given: Mutex<Arc<PublishedMap>>,
     max_ahead_s: f64,
     thread: Option<JoinHandle<()>>,
 }
@@ -216,14 +218,12 @@ impl Reconstruction {
             lower_priority_of_this_thread(nice);
             run_guarded(&for_guard, || pool.install(|| worker.run()));
         };
-        let last_given = Mutex::new(Arc::clone(&*lock(&shared.newest)));
         let thread = Builder::new().name("reconstruction".into()).spawn(run).map_err(ReconstructionError::Thread)?;
         Ok(Self {
             max_ahead_s: options.max_ahead_s,
             frames: MapperInput::new(&queue, FRAMES),
             poses: MapperInput::new(&queue, POSES),
             hands: MapperInput::new(&queue, HANDS),
-            last_given,
             shared,
             queue,
             thread: Some(thread),
@@ -244,26 +244,13 @@ impl Reconstruction {
 
     /// The newest map; never waits for work.
     pub fn latest(&self) -> Arc<PublishedMap> {
-        let mut last_given = lock(&self.last_given);
-        let newest = match self.shared.newest.try_lock() {
-            Ok(newest) => Some(Arc::clone(&newest)),
-            Err(TryLockError::Poisoned(poisoned)) => Some(Arc::clone(&poisoned.into_inner())),
-            Err(TryLockError::WouldBlock) => None,
-        };
-        // Results from before a reset are never returned after it.
-        if let Some(newest) = newest.filter(|newest| newest.epoch == self.epoch()) {
-            *last_given = newest;
-        }
-        Arc::clone(&last_given)
+        self.shared.map.latest()
     }
 
     /// Resets the map at once, because the next poses are in another frame of reference. Frames and
     /// poses pushed before are discarded. Returns the new epoch.
     pub fn reset(&self) -> u64 {
-        let mut last_given = lock(&self.last_given);
-        let epoch = self.shared.epoch.fetch_add(1, Ordering::SeqCst) + 1;
-        *last_given = Arc::new(PublishedMap::nothing(epoch));
-        epoch
+        self.shared.map.reset()
     }
 
     /// Resets the map and starts again with other settings. Returns the new epoch.
@@ -306,7 +293,7 @@ impl Reconstruction {
 
     /// Number of resets.
     pub fn epoch(&self) -> u64 {
-        self.shared.epoch.load(Ordering::SeqCst)
+        self.shared.map.epoch()
     }
 
     /// Whether it is running: false after a panic, which leaves the last scene in place.
@@ -373,9 +360,8 @@ impl Shared {
             running_s: 0.0,
         };
         Self {
-            newest: Mutex::new(Arc::new(PublishedMap::nothing(0))),
+            map: NewestOfEpoch::new(),
             counters: Mutex::new(counters),
-            epoch: AtomicU64::new(0),
             pending_map: Mutex::new(None),
             saved_map: Mutex::new(None),
             evidence_wanted: AtomicUsize::new(0),
@@ -437,19 +423,6 @@ mod tests {
         let pool = pool(&ReconstructionOptions { threads: Some(1), ..Default::default() }).unwrap();
         run_guarded(&shared, || pool.install(|| panic!("on purpose")));
         assert!(!shared.is_alive.load(Ordering::SeqCst));
-        assert_eq!(lock(&shared.newest).epoch, 0);
-    }
-
-    #[test]
-    fn latest_never_waits_for_the_lock() {
-        let config = preset("fine").unwrap();
-        let options = ReconstructionOptions { threads: Some(1), ..Default::default() };
-        let reconstruction =
-            Reconstruction::start(&config, &Pose::IDENTITY, None, &Settings::default(), &options).unwrap();
-        let held = Arc::clone(&reconstruction.shared);
-        let lock = lock(&held.newest);
-        assert_eq!(reconstruction.latest().epoch, 0);
-        assert_eq!((reconstruction.reset(), reconstruction.latest().epoch), (1, 1));
-        drop(lock);
+        assert_eq!(shared.map.latest().epoch, 0);
     }
 }

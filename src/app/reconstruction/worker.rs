@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::{Input, PublishedMap, Shared, lock};
+use crate::app::handover::OfEpoch;
 use crate::app::latency_tracker::LatencyTracker;
 use crate::app::queue::Queue;
 use crate::app::{Latency, Received, correction_text, now_ns, thread_cpu_ns};
@@ -125,7 +126,7 @@ impl Worker {
 
     /// Starts a new mapper after a reset.
     fn apply_epoch(&mut self) {
-        let epoch = self.shared.epoch.load(Ordering::SeqCst);
+        let epoch = self.shared.map.epoch();
         if epoch == self.epoch {
             return;
         }
@@ -262,10 +263,7 @@ impl Worker {
 
     fn publish_map(&mut self, published: PublishedMap) {
         self.published = PublishedMap { number: published.number + 1, ..published };
-        let published = Arc::new(self.published.clone());
-        let before = std::mem::replace(&mut *lock(&self.shared.newest), published);
-        // Dropped after the lock is released.
-        drop(before);
+        self.shared.map.publish(self.published.clone());
     }
 
     /// The scene, when it may have changed.

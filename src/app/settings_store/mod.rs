@@ -13,7 +13,6 @@ mod edit;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
@@ -21,6 +20,7 @@ use std::time::{Duration, SystemTime};
 use radar_recording::read_small_text;
 
 use self::debounce::{FileDebouncer, FileState, Outcome};
+use super::handover::Newest;
 use super::now_ns;
 use crate::settings::{Settings, path_of};
 
@@ -66,8 +66,7 @@ enum Command {
 
 /// Holds the settings in use.
 pub struct SettingsStore {
-    newest: Mutex<Arc<Settings>>,
-    version: AtomicU64,
+    newest: Newest<Settings>,
     commands: SyncSender<Command>,
     /// Fault of the file, and why changes could not be saved to it.
     trouble: Mutex<[Option<String>; 2]>,
@@ -117,7 +116,7 @@ impl SettingsStore {
         }
         let (sender, commands) = sync_channel(MAX_COMMANDS);
         let trouble = Mutex::new([wrong, None]);
-        let store = Self { newest: Mutex::new(Arc::new(first)), version: AtomicU64::new(1), commands: sender, trouble };
+        let store = Self { newest: Newest::new(first), commands: sender, trouble };
         let stamp = file.as_deref().and_then(stamp);
         let work = SettingsWatcher {
             file,
@@ -136,18 +135,12 @@ impl SettingsStore {
 
     /// The settings in use.
     pub fn newest(&self) -> Arc<Settings> {
-        Arc::clone(&self.newest.lock().unwrap_or_else(PoisonError::into_inner))
+        self.newest.get()
     }
 
     /// The settings in use, if they are newer than that version; never waits.
     pub fn newer_than(&self, version: &mut u64) -> Option<Arc<Settings>> {
-        let now = self.version.load(Ordering::Acquire);
-        if now == *version {
-            return None;
-        }
-        let newest = self.newest.try_lock().ok()?;
-        *version = now;
-        Some(Arc::clone(&newest))
+        self.newest.newer_than(version)
     }
 
     /// Requests a change of one setting, to be saved to the file; never waits.
@@ -188,11 +181,7 @@ impl SettingsStore {
 
     fn publish(&self, settings: Settings, on_new: OnNew) {
         let new = Arc::new(settings);
-        let before = {
-            let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
-            std::mem::replace(&mut *newest, Arc::clone(&new))
-        };
-        self.version.fetch_add(1, Ordering::Release);
+        let before = self.newest.publish(Arc::clone(&new));
         if before != new {
             on_new(&before, &new);
         }
