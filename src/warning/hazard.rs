@@ -165,7 +165,7 @@ mod tests {
             let eye = DVec3::new(angle.sin() * distance_m, 1.6 + 0.1 * (5.0 * angle).sin(), angle.cos() * distance_m);
             let body_model = BodyModel::still(&Pose::from_translation(eye)).unwrap();
             let hazard = Hazard::Object(&body);
-            let near = hazard.proximities(&body_model, &settings)[0].clone();
+            let near = hazard.proximities(&body_model, &settings)[0];
             let [with, without] = [before.as_ref(), None]
                 .map(|before| hazard.draw(&body_model, &near, 0.5, &settings, before).expect("it is an obstacle"));
             assert_eq!(with, without, "step {step}");
