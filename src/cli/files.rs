@@ -76,9 +76,9 @@ pub(super) fn user_settings() -> Option<PathBuf> {
     user_folder("XDG_CONFIG_HOME", ".config").map(|folder| folder.join("settings.toml"))
 }
 
-/// Most frames and poses read into memory, bytes. Choice: 200 s at the fastest that the serial line
+/// Most frames and poses read into memory, bytes. Choice: 190 s at the fastest that the serial line
 /// carries, 187 kB/s. `calibrate` then takes less than 300 MB. Measured: `lab results memory`.
-const MAX_STREAM_BYTES: usize = 36 << 20;
+const MAX_STREAM_BYTES: usize = 34 << 20;
 /// A pose counts as much as this many. Choice: itself, and steps of the path over 15 ms to the next.
 const PATH_PER_POSE: usize = 4;
 

@@ -79,7 +79,7 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
             "By design: one chunk of a recording, at most 32 MiB, and its events are held at a time. `reconstruct` holds the \
              sweeps that it uses, at most 60 000 (20 000 with `--search adaptive`) with 8 bytes a sample and 5 to 46 kB of \
              tables each, and 40 bytes for each of at most two million sweeps to choose among. `calibrate` holds the first \
-             36 MiB of the streams and what it computes from them. `replay` holds what the map needs, whatever the length, and \
+             34 MiB of the streams and what it computes from them. `replay` holds what the map needs, whatever the length, and \
              reads at most two batches of 2^20 samples ahead. `import` holds the file, at most 1 GiB, and 24 bytes for each of at \
              most two million frames.",
         ))
