@@ -9,13 +9,14 @@ use super::record::{ChunkHeader, Fields, chunk_header, op};
 /// Limit of a record, and of an unpacked chunk, bytes. Choice: chunks are written with about 1 MiB.
 pub(super) const MAX_RECORD_BYTES: usize = 32 << 20;
 
-/// Passes each record (opcode, content) of a chunk record to `take`.
+/// Passes each record (opcode, content) of a chunk record to `take`. `left`: to how many bytes this chunk and those after it may be
+/// unpacked.
 ///
 /// # Errors
 /// Why the chunk, or the rest of it, was skipped.
-pub(super) fn unpack(record: &[u8], mut take: impl FnMut(u8, &[u8])) -> Result<(), String> {
+pub(super) fn unpack(record: &[u8], left: &mut u64, mut take: impl FnMut(u8, &[u8])) -> Result<(), String> {
     let chunk = chunk_header(record).ok_or("its head is cut off or unreadable")?;
-    let records = unpacked_records(&chunk)?;
+    let records = unpacked_records(&chunk, left)?;
     if records.len() as u64 != chunk.unpacked_bytes {
         return Err(format!("it claims {} bytes when unpacked and holds {}", chunk.unpacked_bytes, records.len()));
     }
@@ -38,7 +39,7 @@ pub(super) fn unpack(record: &[u8], mut take: impl FnMut(u8, &[u8])) -> Result<(
 }
 
 /// The records of a chunk that claims nothing implausible. Unpacking ends at the claimed size, whatever follows.
-fn unpacked_records<'a>(chunk: &ChunkHeader<'a>) -> Result<Cow<'a, [u8]>, String> {
+fn unpacked_records<'a>(chunk: &ChunkHeader<'a>, left: &mut u64) -> Result<Cow<'a, [u8]>, String> {
     let (claimed, held_bytes) = (chunk.unpacked_bytes, chunk.packed.len() as u64);
     if claimed > MAX_RECORD_BYTES as u64 {
         return Err(format!("it claims {claimed} bytes when unpacked, more than the {MAX_RECORD_BYTES} allowed"));
@@ -58,6 +59,10 @@ fn unpacked_records<'a>(chunk: &ChunkHeader<'a>) -> Result<Cow<'a, [u8]>, String
                 }
                 Err(_) => return Err("its packed records are cut off or damaged".into()),
             }
+            // What only looks like a chunk has not come this far.
+            *left = left.checked_sub(claimed).ok_or(
+                "the chunks before it unpack to so much more than the file holds that it cannot be a recording of a sensor",
+            )?;
             let mut records = Vec::with_capacity(claimed as usize);
             let unpacked = zstd_safe::decompress(&mut records, chunk.packed);
             let reason = |code| format!("its records cannot be unpacked: {}", zstd_safe::get_error_name(code));
@@ -87,7 +92,8 @@ mod tests {
 
     fn unpacked(chunk: &[u8]) -> (Vec<u8>, Result<(), String>) {
         let mut opcodes = Vec::new();
-        let result = unpack(chunk, |opcode, _| opcodes.push(opcode));
+        let mut left = u64::MAX;
+        let result = unpack(chunk, &mut left, |opcode, _| opcodes.push(opcode));
         (opcodes, result)
     }
 

@@ -10,14 +10,14 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use super::chunk::{MAX_RECORD_BYTES, unpack};
+use super::chunk::unpack;
 use super::damaged_places::{has_wrong_length, holds_chunk, read_up_to};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
     FRAME_CHANNEL, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING,
     MOUNT_CHANNEL, POSE_CHANNEL, POSE_TOPIC, decode_frame, decode_hands, decode_pose,
 };
-use super::record::{Fields, channel, chunk_header, message, message_counts, metadata, op};
+use super::record::{Fields, channel, message, message_counts, metadata, op};
 use super::record_source::{CHECKSUM_BYTES, FOOTER_BYTES, FetchedRecord, RecordSource};
 use super::{Damage, RecordingError};
 
@@ -269,11 +269,11 @@ impl Content {
     /// # Errors
     /// Why it, or the rest of it, was skipped.
     pub fn take_chunk(&mut self, record: &[u8]) -> Result<(), String> {
-        let claimed = chunk_header(record).map_or(0, |chunk| chunk.unpacked_bytes.min(MAX_RECORD_BYTES as u64));
-        self.unpacked_left = self.unpacked_left.checked_sub(claimed).ok_or(
-            "the chunks before it unpack to so much more than the file holds that it cannot be a recording of a sensor",
-        )?;
-        unpack(record, |opcode, record| self.take_plain(opcode, record))
+        // Apart from the rest, which takes the events.
+        let mut left = self.unpacked_left;
+        let result = unpack(record, &mut left, |opcode, record| self.take_plain(opcode, record));
+        self.unpacked_left = left;
+        result
     }
 
     /// What was taken so far, to go back to.

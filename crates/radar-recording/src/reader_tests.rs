@@ -412,11 +412,19 @@ fn what_all_chunks_unpack_to_is_bounded() {
         (range.start, range.end)
     };
     let chunk = &bytes[start + 9..end];
-    let unpacked_bytes = chunk_header(chunk).unwrap().unpacked_bytes;
+    let unpacked_bytes = crate::record::chunk_header(chunk).unwrap().unpacked_bytes;
     let mut content = Content::new(10 * unpacked_bytes + unpacked_bytes / 2);
     let taken = (0..20).map(|_| content.take_chunk(chunk)).take_while(Result::is_ok).count();
     assert_eq!(taken, 10);
     assert!(content.take_chunk(chunk).unwrap_err().contains("cannot be a recording"));
+    // What only claims to unpack to much counts nothing.
+    let mut content = Content::new(unpacked_bytes);
+    let mut damaged = chunk.to_vec();
+    let end = damaged.len();
+    damaged[end - 20..].fill(0xff);
+    damaged.truncate(end - 1);
+    assert!((0..20).all(|_| content.take_chunk(&damaged).is_err()));
+    assert_eq!(content.take_chunk(chunk), Ok(()));
 }
 
 /// Offset of the content of the first top-level record with this opcode, from `from` on.
