@@ -134,14 +134,14 @@ mod tests {
     use radar_mapping::{Observed, Obstacle};
     use radar_sar::geometry::Pose;
 
-    /// A box of 0.6 × 0.9 × 0.3 m on the floor, its middle `grown_m` from the origin, in voxels of 5 cm.
-    fn sofa(grown_m: f64) -> Obstacle {
+    /// A box of 0.6 × 0.9 × 0.3 m on the floor, its middle `aside_m` to the right of the origin, in voxels of 5 cm.
+    fn sofa(aside_m: f64) -> Obstacle {
         let shape = (0..12 * 18 * 6)
             .map(|i| DVec3::new((i % 12).into(), (i / 12 % 18).into(), (i / 216).into()) * 0.05)
-            .map(|v| (v + DVec3::new(grown_m - 0.275, 0.025, -0.125), 1.0));
+            .map(|v| (v + DVec3::new(aside_m - 0.275, 0.025, -0.125), 1.0));
         Obstacle {
             id: 1,
-            position_m: DVec3::new(grown_m, 0.45, 0.0),
+            position_m: DVec3::new(aside_m, 0.45, 0.0),
             covariance_m2: DMat3::from_diagonal(DVec3::splat(4e-4)),
             observed: Observed::Position,
             extent_m: DVec3::new(0.6, 0.9, 0.3),
@@ -157,7 +157,7 @@ mod tests {
     fn what_is_taken_over_from_the_frame_before_equals_what_is_laid_out_anew() {
         let settings = WarningSettings::default();
         let (mut before, mut taken_over, mut laid_out): (Option<WarningVisual>, u32, u32) = (None, 0, 0);
-        // Once around it at a changing distance; twice it changes its shape.
+        // Once around it at a changing distance; twice it is found a little aside.
         for step in 0..1200 {
             let body = ObstacleBody::of(&sofa(f64::from(step / 400) * 0.03)).unwrap();
             let angle = std::f64::consts::TAU * f64::from(step) / 1200.0;

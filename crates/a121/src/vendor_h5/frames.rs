@@ -138,8 +138,8 @@ impl StoredFrames {
 
 impl Lists {
     fn read(file: &VendorFile, at: &str) -> Result<Self, VendorFileError> {
-        let integers = |name| few(file, at, name).and_then(|at| file.integers(&at));
-        let flags = |name| few(file, at, name).and_then(|at| file.flags(&at));
+        let integers = |name| path_of_list(file, at, name).and_then(|at| file.integers(&at));
+        let flags = |name| path_of_list(file, at, name).and_then(|at| file.flags(&at));
         Ok(Self {
             ticks: integers("tick")?,
             temperatures: integers("temperature")?,
@@ -183,8 +183,8 @@ impl FrameInfo {
     }
 }
 
-/// The path of a list that has no more values than there may be frames.
-fn few(file: &VendorFile, at: &str, name: &str) -> Result<String, VendorFileError> {
+/// Path of a list, which has no more values than there may be frames.
+fn path_of_list(file: &VendorFile, at: &str, name: &str) -> Result<String, VendorFileError> {
     let at = format!("{at}/{name}");
     let count = file.count(&at, &file.dataset(&at)?)?;
     if count > MAX_FRAMES { Err(file.too_many_frames(&at, count, MAX_FRAMES)) } else { Ok(at) }
