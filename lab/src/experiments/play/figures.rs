@@ -42,8 +42,32 @@ pub struct Approach {
     pub errors_m: Vec<f64>,
     /// Errors of the reported bounds; `None` for objects that were not reported, and for walls.
     pub bounds: Option<BoundErrors>,
+    /// Whether the map had it at the deadline; `None` for walls.
+    pub in_map: Option<InMap>,
     /// What the mapper detected of it in the ten seconds before the deadline; `None` for walls.
     pub detected: Option<Detected>,
+}
+
+/// Whether a map has an object: an obstacle with a part at it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum InMap {
+    /// It never had.
+    Never,
+    /// It had, and has not any more.
+    Removed,
+    /// It has.
+    Present,
+}
+
+impl InMap {
+    /// After an update of the map that has it or not.
+    pub fn after(self, has_it: bool) -> Self {
+        match (has_it, self) {
+            (true, _) => Self::Present,
+            (false, Self::Never) => Self::Never,
+            (false, _) => Self::Removed,
+        }
+    }
 }
 
 /// Detections near an object's scatterers, whether or not they became a report. Zeros without any.
@@ -277,8 +301,19 @@ mod tests {
             lead_m,
             errors_m: if lead_m > 0.0 { vec![0.02] } else { vec![] },
             bounds: Some(BoundErrors { near_m: -lead_m, width_m: 0.1, top_m: 0.0 }),
+            in_map: None,
             detected: None,
         }
+    }
+
+    #[test]
+    fn object_that_was_in_the_map_and_is_not_is_removed() {
+        let after = |has_it: &[bool]| has_it.iter().fold(InMap::Never, |before, has_it| before.after(*has_it));
+        assert_eq!(
+            [after(&[false]), after(&[true]), after(&[true, false, false])],
+            [InMap::Never, InMap::Present, InMap::Removed]
+        );
+        assert_eq!(after(&[true, false, true]), InMap::Present);
     }
 
     #[test]

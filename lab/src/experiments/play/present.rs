@@ -1,6 +1,6 @@
 //! Tables of play-session figures.
 
-use super::figures::{Cause, Detected, FalseReport, Figures, Rates};
+use super::figures::{Cause, Detected, FalseReport, Figures, InMap, Rates};
 use radar_chaperone::report::Table;
 
 /// One row per kind of object, and all together.
@@ -162,6 +162,7 @@ pub fn missed(figures: &Figures) -> Table {
         let of_kind = || missed.iter().filter(|a| a.kind == kind);
         let detected: Vec<_> = of_kind().filter_map(|a| a.detected).collect();
         let count = |is_counted: fn(&Detected) -> bool| detected.iter().filter(|d| is_counted(d)).count().to_string();
+        let in_map = |state: InMap| of_kind().filter(|a| a.in_map == Some(state)).count().to_string();
         let mut scores: Vec<f64> = detected.iter().map(|d| d.score).collect();
         scores.sort_by(f64::total_cmp);
         let median = scores.get(scores.len() / 2).copied().unwrap_or(f64::NAN);
@@ -170,6 +171,9 @@ pub fn missed(figures: &Figures) -> Table {
             vec![
                 kind.clone(),
                 of_kind().count().to_string(),
+                in_map(InMap::Never),
+                in_map(InMap::Removed),
+                in_map(InMap::Present),
                 count(|d| d.count == 0),
                 count(|d| d.count > 0 && d.may_be_new == 0),
                 count(|d| d.may_be_new > 0 && !d.is_likely),
@@ -180,17 +184,18 @@ pub fn missed(figures: &Figures) -> Table {
     };
     let mut rows: Vec<_> = figures.kinds().into_iter().map(row).filter(|(count, _)| *count > 0).collect();
     rows.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
-    let head =
-        ["missed", "times", "nothing detected", "not reportable", "unlikely", "likely", "greatest score, median"];
+    let in_map = ["never in the map", "removed from it", "in it"];
+    let detected = ["nothing detected", "not reportable", "unlikely", "likely", "greatest score, median"];
+    let head = [&["missed", "times"][..], &in_map, &detected].concat();
     Table {
-        head: head.map(str::to_owned).to_vec(),
+        head: head.into_iter().map(str::to_owned).collect(),
         rows: rows.into_iter().map(|(_, row)| row).collect(),
         caption: MISSED_CAPTION.into(),
     }
 }
 
-const MISSED_CAPTION: &str = "Approaches without a warning in time, by the detections within 25 cm of the object in the \
-    ten seconds before the deadline. not reportable: of each, the position is not observable, or it may be a hand, or it \
+const MISSED_CAPTION: &str = "Approaches without a warning in time: whether the map had the object before, removed it or has a \
+    part of it at the deadline; and by the detections within 25 cm of the object in the ten seconds before. not reportable: of each, the position is not observable, or it may be a hand, or it \
     is known already. unlikely, likely: the greatest log odds that the classifier gave to one that is, against \
     those at which an object is reported.";
 

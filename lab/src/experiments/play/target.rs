@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 use glam::DVec3;
 
-use super::figures::{Approach, BoundErrors, Detected, Rates};
+use super::figures::{Approach, BoundErrors, Detected, InMap, Rates};
 use super::locatable::Locatable;
 use a121::frame_timing;
 use radar_mapping::{Obstacle, Scene};
@@ -98,6 +98,8 @@ pub(super) struct Target<'s> {
     pub flickered: bool,
     /// Greatest distance since the current unbroken warning began, metres.
     lead_m: f64,
+    /// Whether the map has it.
+    in_map: InMap,
     approached: bool,
     approach: Option<OpenApproach>,
 }
@@ -144,6 +146,7 @@ impl<'s> Target<'s> {
             changed_s: f64::NEG_INFINITY,
             flickered: false,
             lead_m: 0.0,
+            in_map: InMap::Never,
             approached: false,
             approach: None,
         }
@@ -256,6 +259,8 @@ impl<'s> Target<'s> {
         let before_m = if self.distance_m.is_finite() { self.distance_m } else { distance_m };
         let closing_m_per_s = (before_m - distance_m) / step_s.max(1e-9);
         self.distance_m = distance_m;
+        let has_part_here = |obstacle: &Obstacle| obstacle.shape.iter().any(|(center, _)| self.is_at(*center));
+        self.in_map = self.in_map.after(scene.obstacles.iter().any(has_part_here));
         let is_warned = self.is_shown(head, shown);
         if is_warned != self.is_warned {
             self.flickered = time_s - self.changed_s < FLICKER_S;
@@ -324,6 +329,7 @@ impl<'s> Target<'s> {
             lead_m: if self.is_warned { self.lead_m } else { 0.0 },
             errors_m,
             bounds: self.bound_errors(head, scene),
+            in_map: matches!(self.geometry, TargetGeometry::Object(..)).then_some(self.in_map),
             detected: None,
         }
     }
