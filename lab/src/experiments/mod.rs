@@ -17,7 +17,7 @@ pub use live_latency::LiveLatency;
 pub use noise_alarms::NoiseAlarms;
 pub use pipeline_cost::PipelineCost;
 pub use play::{
-    Approach, Cause, Detected, FalseReport, Figures, MovingFigures, PlayError, PlayTrial, PlayerSetup, Rates,
+    Approach, Cause, Detected, FalseReport, Figures, InMap, MovingFigures, PlayError, PlayTrial, PlayerSetup, Rates,
     RemovalOutcome, by_headset, by_kind, curve, false_reports, missed, moving, play, totals,
 };
 pub use room_noise::{RoomNoise, SAME_ALARM_M, SAME_ALARM_S, rate_upper_bound_per_h};

@@ -42,13 +42,13 @@ pub struct Approach {
     pub errors_m: Vec<f64>,
     /// Errors of the reported bounds; `None` for objects that were not reported, and for walls.
     pub bounds: Option<BoundErrors>,
-    /// Whether the map had it at the deadline; `None` for walls.
+    /// Whether the map had it by the deadline; `None` for walls.
     pub in_map: Option<InMap>,
     /// What the mapper detected of it in the ten seconds before the deadline; `None` for walls.
     pub detected: Option<Detected>,
 }
 
-/// Whether a map has an object: an obstacle with a part at it.
+/// Whether the map has an object: a cell of an obstacle is within 25 cm of one of its scatterers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum InMap {
     /// It never had.
@@ -60,7 +60,7 @@ pub enum InMap {
 }
 
 impl InMap {
-    /// After an update of the map that has it or not.
+    /// The state after a step in which the map has it or not.
     pub fn after(self, has_it: bool) -> Self {
         match (has_it, self) {
             (true, _) => Self::Present,

@@ -11,7 +11,7 @@ mod run;
 mod scorer;
 mod target;
 
-pub use figures::{Approach, Cause, Detected, FalseReport, Figures, Rates, RemovalOutcome};
+pub use figures::{Approach, Cause, Detected, FalseReport, Figures, InMap, Rates, RemovalOutcome};
 pub use moving::MovingFigures;
 pub use present::{by_headset, by_kind, curve, false_reports, missed, totals};
 pub(in crate::experiments) use run::for_each_update;

@@ -155,7 +155,8 @@ pub fn by_headset(columns: &[(&str, &Figures)]) -> Table {
     Table { head: head.map(str::to_owned).collect(), rows: rows.iter().map(row).collect(), caption: String::new() }
 }
 
-/// The objects that were not warned of in time, by what was detected of them: one row per kind, most often missed first.
+/// The objects that were not warned of in time, by whether the map had them and by what was detected of them: one row per
+/// kind, most often missed first.
 pub fn missed(figures: &Figures) -> Table {
     let missed: Vec<_> = figures.approaches.iter().filter(|a| a.in_beam_s >= Rates::SEEN_S && !a.warned).collect();
     let row = |kind: String| {
@@ -194,10 +195,11 @@ pub fn missed(figures: &Figures) -> Table {
     }
 }
 
-const MISSED_CAPTION: &str = "Approaches without a warning in time: whether the map had the object before, removed it or has a \
-    part of it at the deadline; and by the detections within 25 cm of the object in the ten seconds before. not reportable: of each, the position is not observable, or it may be a hand, or it \
-    is known already. unlikely, likely: the greatest log odds that the classifier gave to one that is, against \
-    those at which an object is reported.";
+const MISSED_CAPTION: &str = "Approaches without a warning in time. Of these, by the map until the deadline: no obstacle had been at \
+    the object, one had been and was removed, one is. And by the detections within 25 cm of the object in the ten seconds \
+    before. not reportable: of each, the position is not observable, or it may be a hand, or it is known already. \
+    unlikely, likely: the greatest log odds that the classifier gave to one that is, against those at which an object is \
+    reported.";
 
 /// False reports anywhere, by where they are.
 pub fn false_reports(figures: &Figures) -> Table {

@@ -98,7 +98,7 @@ pub(super) struct Target<'s> {
     pub flickered: bool,
     /// Greatest distance since the current unbroken warning began, metres.
     lead_m: f64,
-    /// Whether the map has it.
+    /// Whether the map has it; always `Never` for walls.
     in_map: InMap,
     approached: bool,
     approach: Option<OpenApproach>,
