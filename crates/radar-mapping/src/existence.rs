@@ -19,6 +19,10 @@
 //! since then are weakened too. Otherwise the leg of a chair that has been taken away would stay,
 //! which is rarely in the beam, and would be warned of for ever.
 //!
+//! What was detected again in a later window is established: an artefact of one path rarely comes back (`recurrence.rs`).
+//! An established object is given more time. From nearly the same direction it is missed for the same reason again and again,
+//! so each further miss from one direction counts less; what is gone is missed from each direction that the head moves to.
+//!
 //! An object that is only ever where another one masks its echoes must go as well. Sub-apertures
 //! that have it in their beam, without seeing it by itself, therefore cost a little.
 
@@ -41,6 +45,8 @@ pub struct ExistenceSettings {
     pub initial_share: f64,
     /// Greatest log odds: bounds the evidence needed to remove an object that was seen for long.
     pub max_log_odds: f64,
+    /// The same of an established object.
+    pub established_max_log_odds: f64,
     /// Probability of detection from a side that it was seen from, 0 to 1, before it is learned.
     pub detection_seen_side: f64,
     /// Weight of `detection_seen_side` as a prior, in sub-apertures that should see the object from a side.
@@ -61,6 +67,7 @@ impl BoundedSettings for ExistenceSettings {
         confirm_log_odds: -100.0, 100.0;
         initial_share: 0.0, 100.0;
         max_log_odds: 0.1, 100.0;
+        established_max_log_odds: 0.1, 100.0;
         detection_seen_side: 0.0, 0.99;
         detection_prior_subapertures: 0.0, 1e9;
         detection_new_side: 0.0, 0.99;
@@ -76,6 +83,7 @@ impl Default for ExistenceSettings {
             confirm_log_odds: 3.0,
             initial_share: 1.0,
             max_log_odds: 4.0,
+            established_max_log_odds: 6.0,
             detection_seen_side: 0.5,
             detection_prior_subapertures: 8.0,
             detection_new_side: 0.2,
@@ -121,6 +129,10 @@ const NEIGHBOUR_POWER_SHARE: f64 = 0.5;
 /// or a sidelobe; an object needs four to reach the greatest log odds.
 const MAX_LOG_ODDS_PER_SUBAPERTURE: f64 = 1.0;
 
+/// Edge of a cell of azimuth and elevation within which an object is seen from the same direction, radians: 6°. Choice: 15 cm of the
+/// head's path at 1.5 m.
+const SAME_DIRECTION_RAD: f64 = 6.0 * TAU / 360.0;
+
 /// Least log odds. Choice: an object put where nothing was is accepted soon.
 const MIN_LOG_ODDS: f64 = -2.0;
 
@@ -135,6 +147,34 @@ pub(super) struct Existence {
     last_support_ns: i64,
     /// Whether the log odds ever reached their greatest value.
     reached_max_log_odds: bool,
+    established: bool,
+    /// A neighbour was removed: it is not established again before it has been seen enough.
+    doubted: bool,
+    glance: Glance,
+}
+
+/// The sub-apertures in a row that should have seen an object from the same direction.
+#[derive(Debug, Clone, Copy, Default)]
+struct Glance {
+    /// Cell of azimuth and elevation.
+    cell: (i32, i32),
+    subapertures: f64,
+}
+
+impl Glance {
+    /// Counts a sub-aperture that sees the object in this direction; returns what its evidence weighs: n^(−3/4) for the n-th.
+    fn weight(&mut self, from_object: DVec3) -> f64 {
+        let cell_of = |angle: f64| (angle / SAME_DIRECTION_RAD).floor() as i32;
+        let elevation = math::atan2(from_object.y, math::hypot(from_object.x, from_object.z));
+        let cell = (cell_of(math::atan2(from_object.x, from_object.z)), cell_of(elevation));
+        if cell != self.cell {
+            *self = Self { cell, subapertures: 0.0 };
+        }
+        self.subapertures += 1.0;
+        // A square root is exact on every system; a power is not.
+        let root = self.subapertures.sqrt();
+        1.0 / (root * root.sqrt())
+    }
 }
 
 /// What is known of an object from one side.
@@ -172,7 +212,20 @@ impl Existence {
             newest_ns: i64::MIN,
             last_support_ns: i64::MIN,
             reached_max_log_odds: false,
+            established: false,
+            doubted: false,
+            glance: Glance::default(),
         }
+    }
+
+    /// Whether it was detected again in a later window.
+    pub fn is_established(&self) -> bool {
+        self.established
+    }
+
+    /// It was detected again in a later window. Without effect while a removed neighbour leaves it in doubt.
+    pub fn establish(&mut self) {
+        self.established = !self.doubted;
     }
 
     /// An object that had reached the greatest log odds and is gone now.
@@ -238,9 +291,10 @@ impl Existence {
     }
 
     /// A neighbour has been removed. Unless this object was seen since then its log odds drop to
-    /// `settings.neighbour_log_odds`, and to 0 if they were no greater already.
+    /// `settings.neighbour_log_odds`, and to 0 if they were no greater already; and it is no longer established.
     pub fn weaken(&mut self, since_ns: i64, settings: &ExistenceSettings) {
         if self.last_support_ns < since_ns {
+            (self.established, self.doubted) = (false, true);
             self.log_odds = if self.log_odds > settings.neighbour_log_odds { settings.neighbour_log_odds } else { 0.0 };
         }
     }
@@ -257,21 +311,28 @@ impl Existence {
             false => {
                 let ratio = response.likelihood_ratio(strength);
                 let loss = if would_be_seen { settings.loss } else { 0.0 };
-                self.learn(at, response, response.expected_m(strength));
-                math::ln(p_detect * ratio + 1.0 - p_detect).min(MAX_LOG_ODDS_PER_SUBAPERTURE) - loss
+                let weight = match would_be_seen || response.is_significant() {
+                    true if self.established => self.glance.weight(-response.toward),
+                    _ => 1.0,
+                };
+                self.learn(at, response, response.expected_m(strength), weight);
+                let change = math::ln(p_detect * ratio + 1.0 - p_detect).min(MAX_LOG_ODDS_PER_SUBAPERTURE) - loss;
+                if change < 0.0 { change * weight } else { change }
             }
         };
-        self.log_odds = (self.log_odds + change).clamp(MIN_LOG_ODDS, settings.max_log_odds);
+        let max_log_odds = if self.established { settings.established_max_log_odds } else { settings.max_log_odds };
+        self.log_odds = (self.log_odds + change).clamp(MIN_LOG_ODDS, max_log_odds);
+        self.doubted &= self.log_odds < settings.max_log_odds;
         self.reached_max_log_odds |= self.log_odds >= settings.max_log_odds;
         change
     }
 
-    /// Learns the side's strength and its probability of detection.
-    fn learn(&mut self, (azimuth, band): (usize, usize), response: &Response, expected: f64) {
+    /// Learns the side's strength and, with this weight, its probability of detection.
+    fn learn(&mut self, (azimuth, band): (usize, usize), response: &Response, expected: f64, weight: f64) {
         let side = &mut self.sides[azimuth][band];
         if expected >= MIN_DETECTABLE_POWER || response.is_significant() {
-            side.opportunities += 1.0;
-            side.hits += f64::from(u8::from(response.is_significant()));
+            side.opportunities += weight;
+            side.hits += if response.is_significant() { weight } else { 0.0 };
         }
         if response.is_significant() && response.gain > 0.0 {
             let (newest, known) = (response.power / response.gain, &mut side.strength);
@@ -442,6 +503,33 @@ mod tests {
         let always = until_gone(&[seen; 40]);
         let now_and_then = until_gone(&[seen, empty].repeat(30));
         assert!(always.unwrap() * 2 < now_and_then.unwrap(), "{always:?} {now_and_then:?}");
+    }
+
+    /// Misses, turning by this much from one to the next, until an established object is removed.
+    fn misses_until_gone(turn_deg: f64) -> usize {
+        let settings = ExistenceSettings::default();
+        let mut existence = Existence::new();
+        existence.establish();
+        let around = |n: usize| DQuat::from_rotation_y((n as f64 * turn_deg).to_radians()) * DVec3::X;
+        (0..40).for_each(|n| _ = existence.apply(&likelihood(response(30.0, 30.0, around(n))), &settings));
+        (0..1000)
+            .take_while(|n| {
+                existence.apply(&likelihood(response(0.5, 0.5, around(*n))), &settings) < 0.0
+                    && existence.log_odds > 0.0
+            })
+            .count()
+    }
+
+    #[test]
+    fn established_object_is_missed_from_several_directions_before_it_is_removed() {
+        let (from_one, as_head_moves) = (misses_until_gone(0.0), misses_until_gone(2.0));
+        assert!(as_head_moves < 24, "two seconds of a moving head: {as_head_moves}");
+        assert!(from_one > 2 * as_head_moves, "{from_one} {as_head_moves}");
+        let (seen, empty) = (response(30.0, 30.0, DVec3::X), response(0.5, 0.5, DVec3::X));
+        assert!(
+            after(&[vec![seen; 40], vec![empty; as_head_moves / 2]].concat()) <= 0.0,
+            "one that is not goes sooner"
+        );
     }
 
     #[test]

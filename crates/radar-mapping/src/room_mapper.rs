@@ -432,20 +432,23 @@ impl RoomMapper {
         let new = clean.detect(planes, peaks);
         let likelihoods = clean.likelihoods(&known_points, &known.responses);
         drop(clean);
-        let removed = self.objects.update_existence(&ids, &likelihoods, &self.window, &tracks.existence);
+        let is_established = |at: DVec3| self.recurrences.is_established(at);
+        let removed =
+            self.objects.update_existence(&ids, &likelihoods, &self.window, is_established, &tracks.existence);
         self.work_done.forgotten += removed.count;
         let now_ns = self.window.now_ns();
         for at in removed.positions_m {
             self.window.history.mark_removed(at, now_ns);
-            self.recurrences.forget(at, objects::LATERAL_M);
+        }
+        for at in removed.established_m {
+            self.recurrences.forget(at);
         }
         let screening = self.screening();
         let (known_there, new_there) = (screening.known_detections(&known), screening.new_detections(&new));
         let (points, scored): (Vec<_>, Vec<_>) = known_there.into_iter().chain(new_there).unzip();
         (self.updates.last.places, self.updates.last.planes) = (new.places, new.planes.clone());
         let walls = [known.planes, new.planes].concat();
-        let may_be_new = points.iter().zip(&scored).filter(|(_, scored)| scored.may_be_new);
-        self.recurrences.record(may_be_new.map(|(point, _)| point), now_ns);
+        self.recurrences.record(points.iter().filter(|point| tracks.may_be_hit(point)), now_ns);
         self.candidates.record(scored);
         self.updates.last.wall_hits = self.walls.update(&walls, tracks, self.window.middle());
         self.updates.last.point_hits = self.objects.update(&points, tracks);

@@ -73,10 +73,12 @@ impl TrackSettings {
 
     /// Whether a detection counts as a hit.
     pub fn is_hit<T>(&self, detection: &Detection<T>) -> bool {
-        detection.observable
-            && detection.score >= self.confirm_score
-            && detection.log_odds >= self.confirm_log_odds
-            && !self.may_be_hand(detection)
+        self.may_be_hit(detection) && detection.log_odds >= self.confirm_log_odds
+    }
+
+    /// Whether a detection counts as a hit if it is likely enough.
+    pub fn may_be_hit<T>(&self, detection: &Detection<T>) -> bool {
+        detection.observable && detection.score >= self.confirm_score && !self.may_be_hand(detection)
     }
 
     /// Whether a detection may be the wearer's own hand, elbow or knee.

@@ -25,7 +25,7 @@ const CLUSTER_M: f64 = 0.30;
 /// within this time before the other turned out to be gone is not weakened, nanoseconds. Choice:
 /// the width of a chair, which is carried away whole; its parts are seen within a second of each
 /// other as the head turns.
-pub(super) const LATERAL_M: f64 = 0.6;
+const LATERAL_M: f64 = 0.6;
 const RECENT_SUPPORT_NS: i64 = 1_000_000_000;
 
 /// A time offset that was wrong displaced what was seen by this speed times its error, m/s. Choice: a head that looks around.
@@ -46,6 +46,8 @@ pub(super) struct Removed {
     pub count: u64,
     /// Where they were.
     pub positions_m: Vec<DVec3>,
+    /// Positions of those that were established.
+    pub established_m: Vec<DVec3>,
 }
 
 /// Point tracks and what is known of each.
@@ -86,27 +88,36 @@ impl ObjectMap {
         points.iter().filter(|point| settings.is_hit(point)).count()
     }
 
-    /// Removes known objects that no longer exist, by the sub-apertures' responses to each.
+    /// Removes known objects that no longer exist, by the sub-apertures' responses to each. `is_established`: of a position,
+    /// whether something was detected there again in a later window.
     pub fn update_existence(
         &mut self,
         ids: &[u64],
         likelihoods: &[Vec<Option<Likelihood>>],
         window: &Window,
+        is_established: impl Fn(DVec3) -> bool,
         settings: &ExistenceSettings,
     ) -> Removed {
         for (&id, likelihoods) in ids.iter().zip(likelihoods) {
+            let Some(known) = self.tracks.confirmed().find(|known| known.id == id) else { continue };
             let is_new = !self.existences.contains_key(&id);
             let existence = self.existences.entry(id).or_insert_with(Existence::new);
+            if is_established(known.estimate) {
+                existence.establish();
+            }
             existence.update(with_subaperture(window, likelihoods.iter().copied()), settings);
-            if let Some(new) = self.tracks.confirmed().find(|point| is_new && point.id == id) {
-                existence.limit_initial_log_odds(settings.initial_share * new.log_odds);
+            if is_new {
+                existence.limit_initial_log_odds(settings.initial_share * known.log_odds);
             }
         }
         let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
-        let mut removed = Removed { count: gone.len() as u64, positions_m: Vec::new() };
+        let mut removed = Removed { count: gone.len() as u64, positions_m: Vec::new(), established_m: Vec::new() };
         let now_ns = window.now_ns();
         for known in self.tracks.confirmed().filter(|known| gone.contains(&known.id)) {
             removed.positions_m.push(known.estimate);
+            if self.existences.get(&known.id).is_some_and(Existence::is_established) {
+                removed.established_m.push(known.estimate);
+            }
             if !self.existences.get(&known.id).is_some_and(Existence::reached_max_log_odds) {
                 continue;
             }
@@ -277,7 +288,7 @@ mod tests {
             let mut window = Window::default();
             let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
             sweeps(1.0, winding, &[], 3).into_iter().filter_map(|o| builder.push(o)).for_each(|s| window.push(s));
-            let removed = objects.update_existence(&[], &[], &window, &settings.existence);
+            let removed = objects.update_existence(&[], &[], &window, |_| false, &settings.existence);
             assert_eq!((removed.count, removed.positions_m.len()), (1, 1));
             assert!(objects.confirmed().all(|point| point.id != 1), "it is gone");
             [2, 3].map(|id| objects.existences[&id].log_odds())
