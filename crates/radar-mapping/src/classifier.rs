@@ -94,6 +94,8 @@ pub struct ScoredCandidate {
     pub features: [f64; FEATURES.len()],
     /// Log odds that it is a real object, by these features and by what was detected there before.
     pub log_odds: f64,
+    /// What the earlier windows in which something was detected there add to the log odds by the features.
+    pub recurrence_log_odds: f64,
     /// It is not a known object seen again, and everything else allows it to be a new one.
     pub may_be_new: bool,
 }

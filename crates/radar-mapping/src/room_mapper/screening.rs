@@ -125,9 +125,9 @@ impl Screening<'_> {
         let features = features(detection, &self.surroundings(detection.estimate, history));
         let at_surface =
             self.walls.confirmed().any(|wall| wall.estimate.distance(detection.estimate).abs() < AT_SURFACE_M);
-        let recurrence =
+        let recurrence_log_odds =
             f64::from(self.recurrences.earlier_windows(detection)) * self.config.settings.tracks.recurrence_log_odds;
-        let log_odds = raise_if_certain(log_odds(&features) + recurrence, detection, at_surface);
+        let log_odds = raise_if_certain(log_odds(&features) + recurrence_log_odds, detection, at_surface);
         let detection = Detection { log_odds, ..*detection };
         (
             detection,
@@ -135,6 +135,7 @@ impl Screening<'_> {
                 position_m: detection.estimate,
                 features,
                 log_odds,
+                recurrence_log_odds,
                 may_be_new: self.may_be_new(&detection),
             },
         )

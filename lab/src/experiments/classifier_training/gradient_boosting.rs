@@ -15,6 +15,8 @@ use radar_sar::math;
 pub(super) struct LabelledFeatures<const N: usize> {
     pub features: [f64; N],
     pub is_object: bool,
+    /// Log odds that are added to those of the trees.
+    pub added_log_odds: f64,
     pub weight: f64,
 }
 
@@ -58,7 +60,7 @@ pub(super) fn boost<const N: usize>(rows: &[LabelledFeatures<N>], settings: &Boo
         return (prior, Vec::new());
     }
     let sorted_rows = sorted_rows(rows);
-    let mut odds = vec![prior; rows.len()];
+    let mut odds: Vec<f64> = rows.iter().map(|row| prior + row.added_log_odds).collect();
     let mut trees = Vec::new();
     for _ in 0..settings.trees {
         let slopes = rows.iter().zip(&odds).map(|(row, odds)| GradientSums::of(row, *odds)).collect();
@@ -226,7 +228,12 @@ mod tests {
         let point = |n: usize| [(n % 20) as f64 / 10.0 - 0.95, (n / 20) as f64 / 10.0 - 0.9];
         (0..380)
             .map(point)
-            .map(|features| LabelledFeatures { features, is_object: features[0] * features[1] > 0.0, weight: 1.0 })
+            .map(|features| LabelledFeatures {
+                features,
+                is_object: features[0] * features[1] > 0.0,
+                added_log_odds: 0.0,
+                weight: 1.0,
+            })
             .collect()
     }
 
@@ -237,6 +244,22 @@ mod tests {
         let right = rows.iter().filter(|row| (odds(prior, &trees, &row.features) > 0.0) == row.is_object).count();
         assert!(right * 100 > rows.len() * 95, "{right} of {}", rows.len());
         assert_eq!(boost(&rows, &SETTINGS).1, trees);
+    }
+
+    #[test]
+    fn what_is_added_besides_is_not_learned() {
+        let separated = |n: usize, added_log_odds: f64| LabelledFeatures {
+            features: [f64::from(n < 100), 0.0],
+            is_object: n < 100,
+            added_log_odds: if n < 100 { added_log_odds } else { -added_log_odds },
+            weight: 1.0,
+        };
+        let [alone, besides] = [0.0, 3.0].map(|added_log_odds| {
+            let rows: Vec<_> = (0..200).map(|n| separated(n, added_log_odds)).collect();
+            let (prior, trees) = boost(&rows, &SETTINGS);
+            odds(prior, &trees, &[1.0, 0.0])
+        });
+        assert!(alone > 3.0 && (0.0..alone - 2.0).contains(&besides), "{alone} {besides}");
     }
 
     #[test]

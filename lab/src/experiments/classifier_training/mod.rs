@@ -6,7 +6,7 @@
 //! present is a negative example. One on the floor or the ceiling is a negative example of low weight: it misleads
 //! nobody, but there is no need to warn of it. One on a wall is no example: it may be run into, and a model that learns
 //! to reject walls also rejects objects near them. Detections of the same place in many updates share one place's
-//! weight: n of them count √n.
+//! weight: n of them count √n. What recurrence adds to the log odds is added in training too, so that it is not learned again.
 
 mod gradient_boosting;
 
@@ -99,7 +99,7 @@ impl TrainingSet {
     pub fn to_csv(&self) -> String {
         let line = |row: &LabelledFeatures<{ FEATURES.len() }>| {
             let features: String = row.features.iter().map(|value| format!("{value},")).collect();
-            format!("{features}{},{}\n", u8::from(row.is_object), row.weight)
+            format!("{features}{},{},{}\n", row.added_log_odds, u8::from(row.is_object), row.weight)
         };
         let commands = self.commands.iter().map(|command| format!("# {command}\n"));
         commands.chain([csv_heading()]).chain(self.rows.iter().map(line)).collect()
@@ -147,7 +147,7 @@ impl TrainingSet {
     /// Scores a model on this set with the training weights; `command` is what the user ran.
     pub fn score(&self, model: &Model, command: String) -> HeldOutScore {
         let mut scored: Vec<(f64, &LabelledFeatures<{ FEATURES.len() }>)> =
-            self.rows.iter().map(|row| (model.log_odds(&row.features), row)).collect();
+            self.rows.iter().map(|row| (model.log_odds(&row.features) + row.added_log_odds, row)).collect();
         scored.sort_by(|a, b| a.0.total_cmp(&b.0));
         let of = |is_object: bool| -> f64 {
             self.rows.iter().filter(|row| row.is_object == is_object).map(|row| row.weight).sum()
@@ -189,14 +189,17 @@ pub enum CsvError {
 }
 
 fn csv_heading() -> String {
-    format!("{},is object,weight\n", FEATURES.join(","))
+    format!("{},recurrence (log odds),is object,weight\n", FEATURES.join(","))
 }
 
 fn from_csv_line(line: &str) -> Option<LabelledFeatures<{ FEATURES.len() }>> {
     let numbers: Vec<f64> = line.split(',').map(|number| number.parse().ok()).collect::<Option<_>>()?;
-    let (&features, &[is_object, weight]) = numbers.split_first_chunk()? else { return None };
-    let is_sound = !features.iter().any(|value| value.is_nan()) && weight.is_finite() && weight > 0.0;
-    is_sound.then_some(LabelledFeatures { features, is_object: is_object != 0.0, weight })
+    let (&features, &[added_log_odds, is_object, weight]) = numbers.split_first_chunk()? else { return None };
+    let is_sound = !features.iter().any(|value| value.is_nan())
+        && added_log_odds.is_finite()
+        && weight.is_finite()
+        && weight > 0.0;
+    is_sound.then_some(LabelledFeatures { features, is_object: is_object != 0.0, added_log_odds, weight })
 }
 
 /// Rounds to four decimals, as the model file stores them.
@@ -247,6 +250,7 @@ fn rows(candidates: &[(ScoredCandidate, TrueClass)]) -> Vec<LabelledFeatures<{ F
     let row = |((weighed, what), at): (&(ScoredCandidate, TrueClass), &usize)| LabelledFeatures {
         features: weighed.features,
         is_object: *what == TrueClass::Object,
+        added_log_odds: weighed.recurrence_log_odds,
         weight: if *what == TrueClass::FloorOrCeiling { FLOOR_WEIGHT } else { 1.0 } / (middles[*at].2 as f64).sqrt(),
     };
     candidates.iter().zip(&of_middle).map(row).collect()
@@ -259,7 +263,7 @@ mod tests {
     fn row(strength: f64, is_object: bool) -> LabelledFeatures<{ FEATURES.len() }> {
         let mut features = [0.0; FEATURES.len()];
         features[16] = strength;
-        LabelledFeatures { features, is_object, weight: 1.0 }
+        LabelledFeatures { features, is_object, added_log_odds: 0.0, weight: 1.0 }
     }
 
     #[test]
