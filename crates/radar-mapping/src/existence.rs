@@ -147,6 +147,7 @@ pub(super) struct Existence {
     last_support_ns: i64,
     /// Whether the log odds ever reached their greatest value.
     reached_max_log_odds: bool,
+    /// It was detected in two separate windows.
     established: bool,
     /// A neighbour was removed: it is not established again before it has been seen enough.
     doubted: bool,
@@ -171,7 +172,7 @@ impl Glance {
             *self = Self { cell, subapertures: 0.0 };
         }
         self.subapertures += 1.0;
-        // A square root is exact on every system; a power is not.
+        // IEEE 754 rounds a square root the same on every system; a power it leaves open.
         let root = self.subapertures.sqrt();
         1.0 / (root * root.sqrt())
     }
