@@ -241,9 +241,10 @@ impl Existence {
         Self { log_odds: RESTORED_LOG_ODDS, sides, ..Self::new() }
     }
 
-    /// It was seen with wrong poses: as little is certain as of a restored object, and the sub-apertures with right poses
-    /// count anew.
+    /// It was seen with wrong poses: as little is certain as of a restored object, the sub-apertures with right poses
+    /// count anew, and two windows with right poses establish it.
     pub fn distrust(&mut self) {
+        self.established = false;
         self.log_odds = self.log_odds.min(RESTORED_LOG_ODDS);
         self.newest_ns = i64::MIN;
     }
@@ -531,6 +532,18 @@ mod tests {
             after(&[vec![seen; 40], vec![empty; as_head_moves / 2]].concat()) <= 0.0,
             "one that is not goes sooner"
         );
+    }
+
+    #[test]
+    fn object_seen_with_wrong_poses_is_removed_soon() {
+        let settings = ExistenceSettings::default();
+        let mut existence = Existence::new();
+        existence.establish();
+        (0..40).for_each(|_| _ = existence.apply(&likelihood(response(30.0, 30.0, DVec3::X)), &settings));
+        existence.distrust();
+        assert!(!existence.is_established());
+        (0..3).for_each(|_| _ = existence.apply(&likelihood(response(0.5, 0.5, DVec3::X)), &settings));
+        assert!(existence.log_odds <= 0.0, "{}", existence.log_odds);
     }
 
     #[test]
