@@ -21,11 +21,13 @@ mod combination;
 mod corrections;
 mod echoes;
 mod estimator;
+mod fitted_track;
 mod information;
 mod mean_direction;
 mod normal_equations;
 mod path;
 mod reflector;
+mod solver;
 mod track_fit;
 mod tracks;
 
