@@ -31,7 +31,7 @@ use super::hands::{HandTrail, hand_ranges_m};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
 use radar_sar::subaperture::{MtiEcho, MtiFilter, MtiResult, Subaperture};
-use radar_sar::{BoundedSettings, SettingBound, bounds, math};
+use radar_sar::{BoundedSettings, SettingBound, bounds, math, outer};
 use track::{Association, MtiTrack, candidate_speeds};
 
 /// Parameters of the moving target indication (MTI).
@@ -104,8 +104,7 @@ impl MovingTarget {
 
     /// Covariance of that, m²: of the tangent plane, as for an obstacle whose range alone is known.
     pub fn covariance_m2(&self) -> DMat3 {
-        let ahead = self.seen_from.forward();
-        let along = DMat3::from_cols(ahead * ahead.x, ahead * ahead.y, ahead * ahead.z);
+        let along = outer(self.seen_from.forward());
         let across_m = self.range_m * self.direction_sigma_rad;
         along * self.range_sigma_m.powi(2) + (DMat3::IDENTITY - along) * across_m.powi(2)
     }

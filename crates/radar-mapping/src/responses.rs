@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_sar::subaperture::{Coherence, MEAN_LOG_OF_NOISE, Subaperture};
-use radar_sar::{Beam, SweepGeometry, WAVELENGTH_M};
+use radar_sar::{Beam, SweepGeometry, WAVELENGTH_M, outer};
 
 /// Updates that a point is kept for without a query. Choice: maxima move to the next voxel and
 /// back.
@@ -74,7 +74,6 @@ impl Response {
     /// Information on the object's position, 1/m², from the range and from the direction relative
     /// to the sensor's motion, for a sub-aperture with this motion and aperture.
     pub fn information(&self, motion: DVec3, geometry: &SweepGeometry, aperture_m: f64) -> DMat3 {
-        let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
         let across = (motion - self.toward * self.cos) / self.range_m.max(1e-3);
         let range_sigma_m = geometry.pulse_fwhm_m * 0.5;
         let cos_sigma = WAVELENGTH_M / (4.0 * aperture_m.max(1e-4));

@@ -9,6 +9,8 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
+use crate::symmetric::outer;
+
 /// One sweep's view of the reflector.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundSight {
@@ -58,11 +60,7 @@ pub fn cramer_rao_bound(sights: &[BoundSight], poses_m2: impl Fn(f64) -> f64, mo
     let by_difference: f64 = (0..count).map(|i| weights[i].0 * share(i)).sum();
     let across = DVec3::new(product(0, 3), product(1, 3), product(2, 3));
     let offset = product(3, 3) + by_difference;
-    let lost = if offset > 0.0 {
-        DMat3::from_cols(across * across.x, across * across.y, across * across.z) * (1.0 / offset)
-    } else {
-        DMat3::ZERO
-    };
+    let lost = if offset > 0.0 { outer(across) * (1.0 / offset) } else { DMat3::ZERO };
     let bound = (by_place - lost).inverse();
     let largest_m2 = bound.x_axis.x.max(bound.y_axis.y).max(bound.z_axis.z);
     (bound.is_finite() && largest_m2 <= MAX_VARIANCE_M2).then_some(bound)
@@ -161,10 +159,7 @@ mod tests {
     fn without_pose_errors_it_is_the_noise_over_the_geometry() {
         let sights = sights(false);
         let bound = cramer_rao_bound(&sights, |_| 0.0, 0.0).unwrap();
-        let information = sights.iter().fold(DMat3::ZERO, |sum, s| {
-            let u = s.toward;
-            sum + DMat3::from_cols(u * u.x, u * u.y, u * u.z) * (1.0 / s.range_variance_m2)
-        });
+        let information = sights.iter().fold(DMat3::ZERO, |sum, s| sum + outer(s.toward) * (1.0 / s.range_variance_m2));
         assert!((bound * information - DMat3::IDENTITY).to_cols_array().iter().all(|x| x.abs() < 1e-9));
         assert_eq!(cramer_rao_bound(&sights[..2], |_| 0.0, 0.0), None);
     }

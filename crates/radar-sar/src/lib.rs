@@ -137,7 +137,7 @@ pub use signal::{distance_falloff, envelope, template};
 pub use simd::{INSTRUCTIONS_VARIABLE, InstructionSet, UnknownInstructionSet};
 pub use statistic::{Statistic, UnknownStatistic};
 pub use subaperture::subaperture_volume;
-pub use symmetric::eigen;
+pub use symmetric::{eigen, outer};
 pub use volume::Volume;
 
 /// Carrier frequency, Hz. Source: A121 data sheet.

@@ -1,4 +1,5 @@
-//! Inverse of a symmetric, possibly singular matrix by its eigenvectors (Jacobi rotations).
+//! Symmetric matrices: products of a vector with itself, and the inverse of a possibly singular matrix by its eigenvectors
+//! (Jacobi rotations).
 //!
 //! Cofactors lose the small part of nearly singular matrices: ranges known to 0.01 mm next to
 //! directions known to 100 m cancel to arbitrary values, even negative variances. Eigenvalues are
@@ -16,8 +17,12 @@ const ROUNDS: usize = 12;
 /// above 0.
 pub(super) fn inverse_above(m: &DMat3, floor: f64) -> DMat3 {
     let (values, vectors) = eigen(m);
-    let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
     (0..3).fold(DMat3::ZERO, |sum, n| sum + outer(vectors.col(n)) * (1.0 / (values[n].max(0.0) + floor)))
+}
+
+/// v·vᵀ: information or covariance along v alone.
+pub fn outer(v: DVec3) -> DMat3 {
+    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
 }
 
 /// Eigenvalues of a symmetric matrix and, in the same order, eigenvectors as columns.

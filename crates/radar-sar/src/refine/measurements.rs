@@ -5,10 +5,11 @@ use glam::{DMat3, DVec3};
 
 use super::path_filter::{OUTLIER_SIGMA, PathFilter, Sight};
 use super::unwrapped::Unwrapped;
-use super::{PositionErrors, Prior, direction, outer, regular_inverse};
+use super::{PositionErrors, Prior, direction, regular_inverse};
 use crate::PHASE_RAD_PER_M;
 use crate::math;
 use crate::range_power::{RangePower, Reading};
+use crate::symmetric::outer;
 
 /// One sweep's lengths, as differences from the distance to the linearisation point.
 #[derive(Debug, Clone, Copy)]

@@ -8,8 +8,9 @@
 
 use glam::{DMat3, DVec3};
 
-use super::{OBSERVED_SHARE, PointEstimate, Prior, Refined, climb, longest_axis, objective, outer, scatter, trace};
+use super::{OBSERVED_SHARE, PointEstimate, Prior, Refined, climb, longest_axis, objective, scatter, trace};
 use crate::range_power::RangePower;
+use crate::symmetric::outer;
 
 /// Log-likelihood by which a position must fit better than its mirror image to be unambiguous.
 /// Choice: odds of a thousand to one.

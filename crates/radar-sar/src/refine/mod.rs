@@ -31,7 +31,7 @@ use measurements::{Fit, Measured, measured};
 pub use pair::{JointFit, best_pair, split};
 
 use super::range_power::{RangePower, Reading};
-use super::symmetric::inverse_above;
+use super::symmetric::{inverse_above, outer};
 
 use crate::math;
 #[cfg(test)]
@@ -421,10 +421,6 @@ fn cross_range_sigmas(covariance: &DMat3, along: DVec3) -> [f64; 2] {
     let (aa, bb, ab) = (a.dot(*covariance * a), b.dot(*covariance * b), a.dot(*covariance * b));
     let (mean, spread) = ((aa + bb) * 0.5, math::hypot((aa - bb) * 0.5, ab));
     [(mean + spread).max(0.0).sqrt(), (mean - spread).max(0.0).sqrt()]
-}
-
-fn outer(v: DVec3) -> DMat3 {
-    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
 }
 
 fn trace(m: &DMat3) -> f64 {

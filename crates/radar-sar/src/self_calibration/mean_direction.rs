@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::combination::{TrackTerm, combine};
 use super::corrections::{Quadratic, dot, solution};
-use crate::symmetric::eigen;
+use crate::symmetric::{eigen, outer};
 
 /// Echoes within this time are averaged, nanoseconds. Choice: the head moves by centimetres, and the range's error falls
 /// to millimetres.
@@ -111,7 +111,7 @@ impl RangeChanges {
         for pair in averages.windows(2) {
             let way_m = pair[1].position_m - pair[0].position_m;
             let weighted = way_m / (CHANGE_ERROR_M * CHANGE_ERROR_M);
-            information += outer(way_m, weighted);
+            information += DMat3::from_cols(way_m * weighted.x, way_m * weighted.y, way_m * weighted.z);
             let change_m = pair[1].range_m - pair[0].range_m;
             right -= weighted * change_m;
             squares += (change_m / CHANGE_ERROR_M).powi(2);
@@ -152,7 +152,7 @@ impl RangeChanges {
 
 /// The sensor's axes from those of the positions as stated.
 fn sensor_from_stated(stated: &DMat3, mistake: Option<PoseMistake>) -> DMat3 {
-    let mirrored = |axis: DVec3| stated.transpose() * (DMat3::IDENTITY - outer(axis, axis) * 2.0);
+    let mirrored = |axis: DVec3| stated.transpose() * (DMat3::IDENTITY - outer(axis) * 2.0);
     match mistake {
         None => stated.transpose(),
         Some(PoseMistake::MirroredX) => mirrored(DVec3::X),
@@ -175,10 +175,6 @@ fn likeliest_unit_vector(information: &DMat3, right: DVec3) -> Option<DVec3> {
         if at(middle).length_squared() > 1.0 { low = middle } else { high = middle }
     }
     (vectors * at(high)).try_normalize()
-}
-
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 fn average(bin: &[Sighting]) -> Sighting {

@@ -18,7 +18,7 @@ use super::normal_equations::NormalEquations;
 use super::path::{PathState, SensorPath};
 use super::reflector::{REFLECTOR, Reflector, ReflectorKind};
 use crate::math;
-use crate::symmetric::eigen;
+use crate::symmetric::{eigen, outer};
 use crate::{PHASE_RAD_PER_M, PositionErrors, WAVELENGTH_M};
 
 /// Tangents of the starting directions off the boresight. Choice: five directions cover the beam.
@@ -262,7 +262,6 @@ impl<'a> Problem<'a> {
 
     /// The reflector's mirror image in the plane that the path is closest to: a path in a plane does not distinguish them.
     fn mirrored(&self, of: &Reflector) -> Reflector {
-        let outer = |p: DVec3| DMat3::from_cols(p * p.x, p * p.y, p * p.z);
         let spread = self.at_range.iter().map(|state| outer(state.position_m)).fold(DMat3::ZERO, |sum, of| sum + of);
         let (values, vectors) = eigen(&spread);
         let least = (0..3).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or(0);

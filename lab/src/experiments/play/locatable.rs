@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-use radar_sar::WAVELENGTH_M;
 use radar_sar::geometry::Pose;
+use radar_sar::{WAVELENGTH_M, outer};
 
 /// Least number of strong echoes. Choice: the mapper's; one or two are noise as well.
 const MIN_ECHOES: usize = 3;
@@ -42,7 +42,6 @@ impl Locatable {
 /// Information of a sub-aperture, 1/m²: from its range, and from the direction against its displacement, which λ/4 of
 /// change in the difference of ranges to its ends tells.
 fn information(sensor: &Pose, displacement_m: DVec3, object: DVec3, range_sigma_m: f64) -> DMat3 {
-    let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
     let offset = object - sensor.translation;
     let (toward, range_m) = (offset.normalize_or_zero(), offset.length().max(1e-3));
     let across = (displacement_m - toward * toward.dot(displacement_m)) * (4.0 / (WAVELENGTH_M * range_m));
