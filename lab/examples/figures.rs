@@ -10,14 +10,13 @@ use std::time::Instant;
 
 use glam::{DMat3, DVec3};
 use radar_chaperone::report::{
-    CalibrationReport, Chart, Figure, Limits, Marks, Picture, Report, RoomMap, Section, Series, Table, VolumeInfo,
-    cross_sections, motion_plot, point_cloud, points_above, room_map, score, write_obstacles_json, write_ply,
-    write_volume,
+    Chart, Figure, Limits, Marks, Picture, Report, RoomMap, Section, Series, Table, VolumeInfo, cross_sections,
+    motion_plot, point_cloud, points_above, room_map, score, write_obstacles_json, write_ply, write_volume,
 };
-use radar_mapping::{Observed, Obstacle, Scene, Wall};
-use radar_sar::Volume;
-use radar_sar::geometry::{Aabb, Plane};
+use radar_mapping::{CalibrationInUse, Observed, Obstacle, Scene, Wall};
+use radar_sar::geometry::{Aabb, Plane, Pose};
 use radar_sar::truth::{Truth, TruthObstacle, TruthWall};
+use radar_sar::{TimeOffset, Volume};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder =
@@ -65,9 +64,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let info = VolumeInfo { statistic: "log".into(), updates: 1_234, dense_updates: 216_000, ..VolumeInfo::default() };
     write_volume(&folder.join("chair.npy"), &volume, &info)?;
     write_ply(&folder.join("chair.ply"), &points_above(&volume, 0.35))?;
-    let offset =
-        CalibrationReport { offset_s: 0.012, sigma_s: Some(0.000_4), observable: true, mount: None, drift_m: None };
-    write_obstacles_json(&folder.join("obstacles.json"), &scene, &serde_json::json!({"sweeps": 9600}), &offset)?;
+    let estimate = TimeOffset { offset_s: 0.012, sigma_s: 0.000_4, observable: true, tracks: 9, tracks_left_out: 0 };
+    let calibration = CalibrationInUse {
+        time_offset_estimate: Some(estimate),
+        drift_m: Some(0.001),
+        ..CalibrationInUse::as_set(0.012, Pose::IDENTITY)
+    };
+    write_obstacles_json(&folder.join("obstacles.json"), &scene, &serde_json::json!({"sweeps": 9600}), &calibration)?;
     let row = |cells: [&str; 3]| cells.map(str::to_owned).to_vec();
     let table = Table {
         head: row(["obstacle", "nearest report (cm)", "evidence"]),

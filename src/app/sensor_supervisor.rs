@@ -126,7 +126,8 @@ impl SensorSupervisor {
     /// Keeps the mount in use for the next session with this headset, if it has been estimated, or the kept one forgotten. Accesses
     /// a file.
     pub fn keep_mount(&self) {
-        let newest = self.reconstruction().and_then(|reconstruction| reconstruction.latest().mount);
+        let newest =
+            self.reconstruction().and_then(|reconstruction| Some(reconstruction.latest().calibration.as_ref()?.mount));
         let (Some(memory), Some(mount)) = (&self.mount_memory, newest) else { return };
         let mut kept = self.kept_mount.lock().unwrap_or_else(PoisonError::into_inner);
         let is_applied = self.settings.lock().unwrap_or_else(PoisonError::into_inner).tracking.estimate_mount;

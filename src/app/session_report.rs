@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-use radar_mapping::MountInUse;
+use radar_mapping::{CalibrationInUse, MountInUse};
 use radar_recording::{Readers, write_whole_through_links};
 
 use super::{
@@ -19,10 +19,7 @@ pub struct SessionReport {
     headset: HeadsetStatus,
     reconstruction: Option<ReconstructionCounters>,
     obstacles: usize,
-    time_offset_s: f64,
-    time_offset_sigma_s: Option<f64>,
-    mount: Option<MountInUse>,
-    drift_m: Option<f64>,
+    calibration: Option<CalibrationInUse>,
 }
 
 impl SessionReport {
@@ -33,11 +30,13 @@ impl SessionReport {
             headset: done.status,
             reconstruction: reconstruction.map(Reconstruction::counters),
             obstacles: newest.as_ref().map_or(0, |newest| newest.scene.obstacles.len()),
-            time_offset_s: newest.as_ref().map_or(0.0, |newest| newest.time_offset_s),
-            time_offset_sigma_s: newest.as_ref().and_then(|newest| newest.time_offset_sigma_s),
-            mount: newest.as_ref().and_then(|newest| newest.mount),
-            drift_m: newest.and_then(|newest| newest.drift_m),
+            calibration: newest.and_then(|newest| newest.calibration.clone()),
         }
+    }
+
+    /// 1σ of the time offset, where the motion made it observable, seconds.
+    fn offset_sigma_s(&self) -> Option<f64> {
+        Some(self.calibration.as_ref()?.observed_time_offset()?.sigma_s)
     }
 
     pub fn write(&self, path: &Path) -> Result<()> {
@@ -56,6 +55,7 @@ impl SessionReport {
                 "counters": counters.mapper,
             })
         });
+        let calibration = self.calibration.as_ref();
         let report = json!({
             "ending": format!("{:?}", self.ending),
             "frames": frames.frames,
@@ -78,10 +78,11 @@ impl SessionReport {
             "calls_refused": self.headset.refused,
             "poses_untimed": self.headset.poses_untimed,
             "obstacles": self.obstacles,
-            "time_offset_s": self.time_offset_s,
-            "time_offset_sigma_s": self.time_offset_sigma_s,
-            "mount": self.mount,
-            "drift_m": self.drift_m,
+            "time_offset_s": calibration.map_or(0.0, |calibration| calibration.time_offset_s),
+            "time_offset_sigma_s": self.offset_sigma_s(),
+            "mount": calibration.map(|calibration| calibration.mount),
+            "drift_m": calibration.and_then(|calibration| calibration.drift_m),
+            "range_bias_m": calibration.and_then(|calibration| calibration.range_bias_m.as_deref()),
             "reconstruction": reconstruction,
         });
         write_whole_through_links(path, format!("{report:#}\n").as_bytes(), Readers::Usual)
@@ -128,10 +129,11 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
             outln!("Tracking  {jumps} jumps; the map did not jump")?;
         }
     }
-    if let Some(sigma_s) = report.time_offset_sigma_s {
-        outln!("Time      offset {:.1} ± {:.1} ms in use", ms(report.time_offset_s), ms(sigma_s))?;
+    if let Some((calibration, sigma_s)) = report.calibration.as_ref().zip(report.offset_sigma_s()) {
+        outln!("Time      offset {:.1} ± {:.1} ms in use", ms(calibration.time_offset_s), ms(sigma_s))?;
     }
-    if let Some(mount) = report.mount.filter(|mount| mount.is_corrected()) {
+    let mount = report.calibration.as_ref().map(|calibration| calibration.mount);
+    if let Some(mount) = mount.filter(MountInUse::is_corrected) {
         let [x, y, z] = mount.in_use.translation.to_array();
         let correction = correction_text(&mount);
         outln!("Mount     sensor at ({x:.3}, {y:.3}, {z:.3}) m on the head, corrected by {correction}")?;

@@ -15,7 +15,6 @@ use crate::viewer::{Health, Recorder, RecordingInfo, VOXELS, ViewError};
 use a121::preset;
 use radar_mapping::MapperKind;
 use radar_recording::Header;
-use radar_sar::TimeOffset;
 use radar_sar::geometry::Pose;
 
 /// Interval of updates of the head pose. Choice: 30 a second, the rate at which the window moves
@@ -87,14 +86,10 @@ impl ViewUpdater<'_> {
 }
 
 fn health(published: &PublishedMap, reconstruction: &Reconstruction) -> Health {
-    let counters = reconstruction.counters().mapper;
-    let tracks = counters.time_offset;
-    let estimate = published.time_offset_sigma_s.map(|sigma_s| TimeOffset {
-        offset_s: published.time_offset_s,
-        sigma_s,
-        observable: true,
-        tracks: tracks.tracks as usize,
-        tracks_left_out: tracks.tracks_left_out as usize,
-    });
-    Health { counters, time_offset_s: published.time_offset_s, estimate }
+    let calibration = published.calibration.as_ref();
+    Health {
+        counters: reconstruction.counters().mapper,
+        time_offset_s: calibration.map_or(0.0, |calibration| calibration.time_offset_s),
+        estimate: calibration.and_then(|calibration| calibration.time_offset_estimate),
+    }
 }

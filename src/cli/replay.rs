@@ -11,8 +11,8 @@ use super::results::Results;
 use super::view::{ReplayEnd, ViewArguments};
 use crate::app::{correction_text, progress};
 use crate::report::{
-    CalibrationReport, CloudPoint, Figure, FilmRecorder, Limits, Report, RoomMap, Section, Table, room_map, score,
-    write_cloud, write_obstacles_json, write_ply,
+    CloudPoint, Figure, FilmRecorder, Limits, Report, RoomMap, Section, Table, room_map, score, write_cloud,
+    write_obstacles_json, write_ply,
 };
 use crate::settings::Settings;
 use crate::viewer::Recorder;
@@ -299,15 +299,7 @@ pub(super) fn sensor_path(mapper: &Mapper) -> Vec<glam::DVec3> {
 /// Writes obstacles.json with all counters.
 pub(super) fn write_obstacles(path: &Path, scene: &Scene, mapper: &Mapper) -> Result<()> {
     let counters = serde_json::to_value(mapper.counters())?;
-    let estimate = mapper.time_offset_estimate();
-    let offset = CalibrationReport {
-        offset_s: mapper.time_offset_s(),
-        sigma_s: estimate.map(|e| e.sigma_s),
-        observable: estimate.is_some_and(|e| e.observable),
-        mount: Some(mapper.mount()),
-        drift_m: mapper.drift_m(),
-    };
-    Ok(write_obstacles_json(path, scene, &counters, &offset)?)
+    Ok(write_obstacles_json(path, scene, &counters, &mapper.calibration())?)
 }
 
 /// Writes the obstacles' positions with evidence and covariance, and all their points, as point
@@ -378,7 +370,7 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper, sparse: Option<&Sparse
             n.x, n.y, n.z, wall.plane.offset_m, wall.evidence
         );
     }
-    if let Some(biases_m) = mapper.range_bias_m() {
+    if let Some(biases_m) = mapper.calibration().range_bias_m {
         let biases: Vec<String> = biases_m.iter().map(|bias_m| format!("{:+.1}", bias_m * 1e3)).collect();
         let _ =
             writeln!(text, "ranges {} mm too long by subsweep, as the loopback shows: corrected", biases.join(", "));

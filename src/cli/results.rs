@@ -8,7 +8,7 @@ use crate::settings::Settings;
 use crate::viewer::RecordingInfo;
 use radar_mapping::{Event, Scene};
 use radar_mapping::{Mapper, MapperCounters, MapperKind};
-use radar_recording::{BeamCone, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
+use radar_recording::{BeamCone, Header, ResultsCounters, ResultsWriter, Snapshot};
 
 /// The copy of the recording with a result for every map update.
 pub(super) struct Results {
@@ -40,17 +40,13 @@ impl Results {
 
     fn snapshot(&mut self, mapper: &Mapper, scene: &Scene, time_ns: i64) -> Result<()> {
         let evidence = mapper.evidence(ResultsWriter::MAX_EVIDENCE);
-        let estimate = mapper.time_offset_estimate().filter(|estimate| estimate.observable);
         let snapshot = Snapshot {
             time_ns,
             head: mapper.head().map(|(_, head)| head),
             scene,
             evidence: &evidence,
             evidence_ns: mapper.evidence_ns(),
-            time_offset_s: mapper.time_offset_s(),
-            estimate: estimate.map(|e| OffsetEstimate { offset_s: e.offset_s, sigma_s: e.sigma_s }),
-            mount: Some(mapper.mount()),
-            drift_m: mapper.drift_m(),
+            calibration: &mapper.calibration(),
             counted: results_counters(&mapper.counters()),
         };
         Ok(self.writer.write_snapshot(&snapshot)?)

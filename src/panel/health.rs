@@ -80,6 +80,8 @@ pub struct Health {
     pub mount: MountHealth,
     /// Slow tracking error in each axis as estimated, rms, metres.
     pub drift_m: Option<f64>,
+    /// Measured minus true range as the loopback shows it, by which the ranges are corrected, metres.
+    pub range_bias_m: Option<f64>,
     /// Age of the newest processed sweep, seconds; `None` before the first.
     pub age_s: Option<f64>,
     /// Whether the reconstruction is running.
@@ -171,10 +173,15 @@ impl Health {
             SensorHealth::Streaming { sweeps_per_s, lost_percent } => (
                 State::Good,
                 "Radar is measuring".into(),
-                format!("{sweeps_per_s:.0} sweeps a second, {lost_percent:.1} % lost"),
+                format!("{sweeps_per_s:.0} sweeps a second, {lost_percent:.1} % lost{}", self.range_text()),
             ),
         };
         StatusCard { title: "Sensor", state, headline, detail: more }
+    }
+
+    fn range_text(&self) -> String {
+        let text = |bias_m: f64| format!("; ranges corrected by {:.1} mm", -bias_m * 1e3);
+        self.range_bias_m.map(text).unwrap_or_default()
     }
 
     fn headset(&self) -> StatusCard {
@@ -325,6 +332,7 @@ mod tests {
             time_offset_sigma_s: Some(0.0004),
             mount: MountHealth::Corrected { by_mm: 42, by_deg: 0 },
             drift_m: Some(0.0012),
+            range_bias_m: None,
             age_s: Some(0.05),
             is_running: true,
             obstacles: 5,
@@ -343,6 +351,8 @@ mod tests {
         assert_eq!(states(&well()), [State::Good; 4]);
         let [sensor, headset, timing, room] = well().status_cards();
         assert_eq!(sensor.detail, "1056 sweeps a second, 0.0 % lost");
+        let corrected = Health { range_bias_m: Some(0.0043), ..well() };
+        assert_eq!(corrected.status_cards()[0].detail, "1056 sweeps a second, 0.0 % lost; ranges corrected by -4.3 mm");
         assert_eq!(headset.detail, "250 poses a second; it drifts by 1.2 mm");
         assert_eq!(timing.detail, "offset +2.1 ± 0.4 ms; the sensor is 42 mm from where it is set");
         assert_eq!(room.headline, "5 obstacles and 1 wall");

@@ -38,7 +38,7 @@ pub use html::{Figure, Report, Section, Table};
 pub use marks::Marks;
 pub use motion_plot::motion_plot;
 pub use npy::{VolumeInfo, read_volume, volume_bytes, volume_of, write_volume};
-pub use obstacles_json::{CalibrationReport, obstacles_json, write_obstacles_json};
+pub use obstacles_json::{obstacles_json, write_obstacles_json};
 pub use pareto::{TradeOff, TradeOffMarker, TradeOffPoint, pareto_front};
 pub use picture::Picture;
 pub use ply::{CloudPoint, cloud_bytes, cloud_of, ply_bytes, write_cloud, write_ply};

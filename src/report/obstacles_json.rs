@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::Value;
 use serde_json::ser::Formatter;
 
-use radar_mapping::{MountInUse, MovingTarget, Observed, Obstacle, Scene, Wall};
+use radar_mapping::{CalibrationInUse, MountInUse, MovingTarget, Observed, Obstacle, Scene, Wall};
 
 use super::{ReportError, write_atomically};
 
@@ -24,9 +24,11 @@ struct File<'a> {
     time_offset_s: f64,
     time_offset_sigma_s: Option<f64>,
     time_offset_observable: bool,
-    mount: Option<MountEntry>,
+    mount: MountEntry,
     /// Slow tracking error in each axis as estimated, rms.
     drift_m: Option<f64>,
+    /// Measured minus true range of each subsweep that hears echoes, by which the ranges are corrected.
+    range_bias_m: Option<Vec<f64>>,
 }
 
 /// The sensor on the head: position assumed, in use, and as estimated with its 1σ, axis by axis.
@@ -43,21 +45,6 @@ struct MountEntry {
     /// 1σ of a turn of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     boresight_sigma_rad: Option<f64>,
-}
-
-/// Calibration of sensor and headset, as written to the file.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct CalibrationReport {
-    /// Time of a sweep's pose minus time of the sweep, seconds.
-    pub offset_s: f64,
-    /// 1σ of the offset as estimated from the data, seconds; `None` if it was not estimated.
-    pub sigma_s: Option<f64>,
-    /// Whether the motion made the offset observable.
-    pub observable: bool,
-    /// The mount.
-    pub mount: Option<MountInUse>,
-    /// Slow tracking error in each axis as estimated, rms, metres.
-    pub drift_m: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -105,26 +92,26 @@ struct MovingEntry {
 ///
 /// # Errors
 /// A number of the scene, or the time offset, is not finite.
-pub fn obstacles_json(
-    scene: &Scene,
-    counters: &Value,
-    calibration: &CalibrationReport,
-) -> Result<Vec<u8>, ReportError> {
+pub fn obstacles_json(scene: &Scene, counters: &Value, calibration: &CalibrationInUse) -> Result<Vec<u8>, ReportError> {
     let entries = scene.obstacles.iter().enumerate().map(|(n, obstacle)| obstacle_entry(n, obstacle));
     let walls = scene.walls.iter().enumerate().map(|(n, wall)| wall_entry(n, wall));
     let moving = scene.moving.iter().enumerate().map(|(n, moving)| moving_entry(n, moving));
-    let sigma_s = calibration.sigma_s.map(|sigma_s| finite(sigma_s, || "time_offset_sigma_s".into()));
+    let number = |of: f64, name: &str| finite(of, || name.into());
+    let offset = &calibration.time_offset_estimate;
+    let biases_m = calibration.range_bias_m.as_deref();
+    let range_bias_m = biases_m.map(|biases_m| biases_m.iter().map(|bias_m| number(*bias_m, "range_bias_m")).collect());
     let file = File {
         frame: "tracking",
         obstacles: entries.collect::<Result<_, _>>()?,
         walls: walls.collect::<Result<_, _>>()?,
         moving: moving.collect::<Result<_, _>>()?,
         counters,
-        time_offset_s: finite(calibration.offset_s, || "time_offset_s".into())?,
-        time_offset_sigma_s: sigma_s.transpose()?,
-        time_offset_observable: calibration.observable,
-        mount: calibration.mount.as_ref().map(mount_entry).transpose()?,
-        drift_m: calibration.drift_m.map(|drift_m| finite(drift_m, || "drift_m".into())).transpose()?,
+        time_offset_s: number(calibration.time_offset_s, "time_offset_s")?,
+        time_offset_sigma_s: offset.map(|offset| number(offset.sigma_s, "time_offset_sigma_s")).transpose()?,
+        time_offset_observable: offset.is_some_and(|offset| offset.observable),
+        mount: mount_entry(&calibration.mount)?,
+        drift_m: calibration.drift_m.map(|drift_m| number(drift_m, "drift_m")).transpose()?,
+        range_bias_m: range_bias_m.transpose()?,
     };
     let mut bytes = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, EntryPerLineFormatter::default());
@@ -141,7 +128,7 @@ pub fn write_obstacles_json(
     path: &Path,
     scene: &Scene,
     counters: &Value,
-    calibration: &CalibrationReport,
+    calibration: &CalibrationInUse,
 ) -> Result<(), ReportError> {
     write_atomically(path, &obstacles_json(scene, counters, calibration)?)
 }
@@ -285,6 +272,7 @@ impl Formatter for EntryPerLineFormatter {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use radar_sar::TimeOffset;
     use radar_sar::geometry::{Aabb, Plane, Pose};
     use serde_json::json;
 
@@ -328,14 +316,18 @@ mod tests {
         Scene { time_ns: 0, obstacles: vec![obstacle.clone(), obstacle], walls: vec![wall], moving: vec![moving] }
     }
 
+    fn nothing_estimated() -> CalibrationInUse {
+        CalibrationInUse::as_set(0.0, Pose::IDENTITY)
+    }
+
     #[test]
     fn keys_order_and_values_match_the_format() {
-        let known = CalibrationReport {
-            offset_s: 0.25,
-            sigma_s: Some(0.5),
-            observable: true,
-            mount: None,
+        let offset = TimeOffset { offset_s: 0.26, sigma_s: 0.5, observable: true, tracks: 3, tracks_left_out: 0 };
+        let known = CalibrationInUse {
+            time_offset_estimate: Some(offset),
             drift_m: Some(0.002),
+            range_bias_m: Some(vec![0.004, -0.001]),
+            ..CalibrationInUse::as_set(0.25, Pose::IDENTITY)
         };
         let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), &known).unwrap()).unwrap();
         let entry = "{\"position_m\":[1.0,0.30000000000000004,-1e-17],\
@@ -347,17 +339,19 @@ mod tests {
         let moving = "{\"id\":2,\"position_m\":[0.0,1.0,-2.0],\"covariance_m2\":[[0.25,0.0,0.0],[0.0,0.25,0.0],[0.0,0.0,0.015625]],\
              \"seen_from_m\":[0.0,1.0,0.0],\"range_m\":2.0,\"range_sigma_m\":0.125,\"direction_sigma_rad\":0.25,\
              \"speed_m_per_s\":-0.75,\"evidence\":33.0,\"first_seen_s\":0.0,\"last_seen_s\":0.25}";
+        let mount = "\"assumed_m\":[0.0,0.0,0.0],\n\"in_use_m\":[0.0,0.0,0.0],\n\"estimate_m\":null,\n\"estimate_sigma_m\":null,\n\
+             \"observed\":[false,false,false]";
         let expected = format!(
             "{{\n\"frame\":\"tracking\",\n\"obstacles\":[\n{entry},\n{entry}\n],\n\"walls\":[\n{wall}\n],\n\"moving\":[\n{moving}\n],\n\
              \"counters\":{{\n\"sweeps\":7\n}},\n\"time_offset_s\":0.25,\n\"time_offset_sigma_s\":0.5,\n\
-             \"time_offset_observable\":true,\n\"mount\":null,\n\"drift_m\":0.002\n}}\n"
+             \"time_offset_observable\":true,\n\"mount\":{{\n{mount}\n}},\n\"drift_m\":0.002,\n\"range_bias_m\":[\n0.004,\n-0.001\n]\n}}\n"
         );
         assert_eq!(text, expected);
     }
 
     #[test]
     fn empty_scene_is_valid_json() {
-        let bytes = obstacles_json(&Scene::default(), &json!({}), &CalibrationReport::default()).unwrap();
+        let bytes = obstacles_json(&Scene::default(), &json!({}), &nothing_estimated()).unwrap();
         let value: Value = serde_json::from_slice(&bytes).unwrap();
         assert_eq!(
             value,
@@ -370,8 +364,15 @@ mod tests {
                 "time_offset_s": 0.0,
                 "time_offset_sigma_s": null,
                 "time_offset_observable": false,
-                "mount": null,
-                "drift_m": null
+                "mount": {
+                    "assumed_m": [0.0, 0.0, 0.0],
+                    "in_use_m": [0.0, 0.0, 0.0],
+                    "estimate_m": null,
+                    "estimate_sigma_m": null,
+                    "observed": [false, false, false]
+                },
+                "drift_m": null,
+                "range_bias_m": null
             })
         );
     }
@@ -380,9 +381,9 @@ mod tests {
     fn non_finite_numbers_are_rejected_by_name() {
         let mut bad = scene(0.0);
         bad.obstacles[1].covariance_m2.z_axis.x = f64::NAN;
-        let refused = obstacles_json(&bad, &Value::Null, &CalibrationReport::default()).unwrap_err().to_string();
+        let refused = obstacles_json(&bad, &Value::Null, &nothing_estimated()).unwrap_err().to_string();
         assert_eq!(refused, "obstacles[1].covariance_m2 is NaN, which is not a finite number");
-        let endless = CalibrationReport { offset_s: f64::INFINITY, ..Default::default() };
+        let endless = CalibrationInUse::as_set(f64::INFINITY, Pose::IDENTITY);
         let refused = obstacles_json(&scene(0.0), &Value::Null, &endless).unwrap_err().to_string();
         assert!(refused.starts_with("time_offset_s is inf"), "{refused}");
     }
@@ -390,8 +391,9 @@ mod tests {
     proptest! {
         #[test]
         fn numbers_roundtrip_exactly(x in any::<f64>().prop_filter("finite", |x| x.is_finite())) {
-            let bytes = obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &CalibrationReport::default()).unwrap();
-            prop_assert_eq!(&bytes, &obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &CalibrationReport::default()).unwrap());
+            let written = || obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &nothing_estimated()).unwrap();
+            let bytes = written();
+            prop_assert_eq!(&bytes, &written());
             let text = String::from_utf8(bytes).unwrap();
             let number = text.split_once("\"position_m\":[").unwrap().1.split_once(',').unwrap().0;
             prop_assert_eq!(number.parse::<f64>().unwrap().to_bits(), x.to_bits());

@@ -150,9 +150,10 @@ fn forgotten_calibration_is_that_of_the_settings_and_the_map_stays() {
     reconstruction.flush();
     until(all_frames_processed(&reconstruction, simulated.frames.last().unwrap().host_time_ns));
     until(|| !reconstruction.latest().scene.obstacles.is_empty());
-    assert!(reconstruction.latest().mount.is_some_and(|mount| mount.in_use == known.in_use));
+    let mount = || reconstruction.latest().calibration.as_ref().map(|calibration| calibration.mount);
+    assert!(mount().is_some_and(|mount| mount.in_use == known.in_use));
     reconstruction.forget_calibration();
-    until(|| reconstruction.latest().mount.is_some_and(|mount| mount.in_use == assumed && mount.estimate.is_none()));
+    until(|| mount().is_some_and(|mount| mount.in_use == assumed && mount.estimate.is_none()));
     let latest = reconstruction.latest();
     assert!(latest.epoch == 0 && !latest.scene.obstacles.is_empty(), "the map stays");
 }

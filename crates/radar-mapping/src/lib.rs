@@ -56,6 +56,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod calibration_control;
+mod calibration_in_use;
 mod classifier;
 mod clean;
 mod event;
@@ -85,6 +86,7 @@ mod timestamps;
 mod tracks;
 
 pub use calibration_control::{MountCounters, TimeOffsetCounters};
+pub use calibration_in_use::CalibrationInUse;
 pub use classifier::{FEATURES, HeldOutScore, Model, ModelCard, ModelError, ScoredCandidate, Tree};
 pub use clean::{CleanSettings, Detection};
 pub(crate) use clean::{CleanWindow, Detections};

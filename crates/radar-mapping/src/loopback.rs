@@ -47,7 +47,9 @@ pub(crate) fn range_bias_m(peak_m: f64, subsweep: &Subsweep) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Event, Mapper, MappingSettings};
     use a121::preset;
+    use radar_sar::geometry::Pose;
     use radar_simulation::{PlaySession, SensorEffects};
 
     /// A loopback of these points before the echoes of d16.
@@ -80,6 +82,13 @@ mod tests {
             let peak_m = loopback_peak_m(config, &FrameLayout::of(config), frame).unwrap();
             let error_m = range_bias_m(peak_m, &config.subsweeps[1]) - session.range_bias_m(1);
             assert!(error_m.abs() < 0.5e-3, "{seed}: {error_m}");
+
+            let mut mapper = Mapper::new(config, &Pose::IDENTITY, &MappingSettings::default());
+            assert_eq!(mapper.calibration().range_bias_m, None);
+            mapper.push(Event::Frame(frame.clone())).unwrap();
+            let of_echoes = mapper.calibration().range_bias_m.unwrap();
+            let expected: Vec<f64> = config.subsweeps[1..].iter().map(|it| range_bias_m(peak_m, it)).collect();
+            assert_eq!(of_echoes, expected);
         }
     }
 

@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 use super::calibration_control::{CalibrationChange, CalibrationControl, MountCounters, TimeOffsetCounters};
 use super::search::Search;
 use super::{
-    Accepted, Event, Evidence, HandsSample, MapperKind, MappingSettings, MountInUse, Observer, ObserverCounters,
-    ObserverSettings, Refusal, RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
+    Accepted, CalibrationInUse, Event, Evidence, HandsSample, MapperKind, MappingSettings, MountInUse, Observer,
+    ObserverCounters, ObserverSettings, Refusal, RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
 };
 
 /// First interval of the recorded sensor path, nanoseconds. Choice: a head at 1 m/s moves 2 cm.
@@ -399,14 +399,15 @@ impl Mapper {
         self.calibration.estimate()
     }
 
-    /// Slow tracking error in each axis as last estimated, rms, metres.
-    pub fn drift_m(&self) -> Option<f64> {
-        self.calibration.drift_m()
-    }
-
-    /// See [`Observer::range_bias_m`].
-    pub fn range_bias_m(&self) -> Option<Vec<f64>> {
-        self.observer.range_bias_m()
+    /// Everything that sweeps and poses are corrected by.
+    pub fn calibration(&self) -> CalibrationInUse {
+        CalibrationInUse {
+            time_offset_s: self.time_offset_s(),
+            time_offset_estimate: self.time_offset_estimate(),
+            mount: self.mount(),
+            drift_m: self.calibration.drift_m(),
+            range_bias_m: self.observer.range_bias_m(),
+        }
     }
 
     /// The mount in use, and its last estimate.

@@ -309,11 +309,11 @@ impl Observer {
         }
     }
 
-    /// Measured minus true range of each subsweep, metres, by which the ranges are corrected; `None` while no loopback was
-    /// recorded.
+    /// See [`CalibrationInUse::range_bias_m`](crate::CalibrationInUse::range_bias_m).
     pub fn range_bias_m(&self) -> Option<Vec<f64>> {
         let peak_m = self.loopback_m?;
-        Some(self.config.subsweeps.iter().map(|subsweep| range_bias_m(peak_m, subsweep)).collect())
+        let of_echoes = self.config.subsweeps.iter().filter(|subsweep| subsweep.hears_echoes());
+        Some(of_echoes.map(|subsweep| range_bias_m(peak_m, subsweep)).collect())
     }
 
     /// Observations of all frames whose poses are complete.

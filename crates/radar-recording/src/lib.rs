@@ -90,7 +90,7 @@ pub use import::{Import, ImportOptions, import_h5};
 pub use map_file::{MAX_ROOMS, MapFile, MapFileError, MapFolder};
 pub use reader::Recording;
 pub use results::wire as results_messages;
-pub use results::{BeamCone, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
+pub use results::{BeamCone, ResultsCounters, ResultsWriter, Snapshot};
 pub use small_file::{MAX_SMALL_BYTES, read_small_text};
 pub use summary::{RecordingSummary, SparsePoses, StreamSummary};
 pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};

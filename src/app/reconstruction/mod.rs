@@ -20,7 +20,7 @@ use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::settings::Settings;
 use a121::SensorConfig;
 use radar_mapping::MapperCounters;
-use radar_mapping::{Event, Evidence, MountInUse, SavedMap, Scene};
+use radar_mapping::{CalibrationInUse, Event, Evidence, MountInUse, SavedMap, Scene};
 use radar_sar::geometry::Pose;
 use worker::{MapperSpec, Worker};
 
@@ -83,14 +83,8 @@ pub struct PublishedMap {
     pub tracking_jumps: u64,
     /// End of the newest processed sweep, host nanoseconds; 0 before the first.
     pub newest_sweep_ns: i64,
-    /// The time offset in use: time of a sweep's pose minus time of the sweep, seconds.
-    pub time_offset_s: f64,
-    /// 1σ of the last estimate of the time offset, where it is observable.
-    pub time_offset_sigma_s: Option<f64>,
-    /// The mount in use; `None` before the first frame.
-    pub mount: Option<MountInUse>,
-    /// Slow tracking error in each axis as last estimated, rms, metres.
-    pub drift_m: Option<f64>,
+    /// What sweeps and poses are corrected by; `None` before the first frame.
+    pub calibration: Option<CalibrationInUse>,
     /// Number of resets before it.
     pub epoch: u64,
 }
@@ -103,10 +97,7 @@ impl OfEpoch for PublishedMap {
             scene: Arc::new(Scene::default()),
             tracking_jumps: 0,
             newest_sweep_ns: 0,
-            time_offset_s: 0.0,
-            time_offset_sigma_s: None,
-            mount: None,
-            drift_m: None,
+            calibration: None,
             epoch,
         }
     }

@@ -11,8 +11,7 @@ use crate::app::queue::Queue;
 use crate::app::{Latency, Received, correction_text, now_ns, thread_cpu_ns};
 use crate::settings::Settings;
 use a121::SensorConfig;
-use radar_mapping::{Event, Scene};
-use radar_mapping::{Mapper, MapperKind, MountInUse};
+use radar_mapping::{CalibrationInUse, Event, Mapper, MapperKind, MountInUse, Scene};
 use radar_sar::geometry::Pose;
 
 /// Longest wait for input: bounds the reaction time to stop and reset. Choice: shorter than one
@@ -231,16 +230,12 @@ impl Worker {
         }
         self.mapper.clear_sensor_path();
         self.scenes += u64::from(scene.is_some());
-        let estimate = self.mapper.time_offset_estimate().filter(|estimate| estimate.observable);
         self.publish_map(PublishedMap {
             number: self.published.number,
             tracking_jumps: if scene.is_some() { self.tracking_jumps } else { self.published.tracking_jumps },
             scene: scene.map_or_else(|| Arc::clone(&self.published.scene), Arc::new),
             newest_sweep_ns,
-            time_offset_s: self.mapper.time_offset_s(),
-            time_offset_sigma_s: estimate.map(|estimate| estimate.sigma_s),
-            mount: Some(self.new_mount()),
-            drift_m: self.mapper.drift_m(),
+            calibration: Some(self.new_calibration()),
             epoch: self.epoch,
         });
         let now_ns = now_ns();
@@ -250,15 +245,16 @@ impl Worker {
         }
     }
 
-    /// The mount; logs it when it has changed.
-    fn new_mount(&self) -> MountInUse {
-        let mount = self.mapper.mount();
-        if self.published.mount.is_some_and(|before| before.in_use != mount.in_use) {
+    /// The calibration; logs the mount when it has changed.
+    fn new_calibration(&self) -> CalibrationInUse {
+        let calibration = self.mapper.calibration();
+        let mount = &calibration.mount;
+        if self.published.calibration.as_ref().is_some_and(|before| before.mount.in_use != mount.in_use) {
             let [x, y, z] = mount.in_use.translation.to_array();
-            let correction = correction_text(&mount);
+            let correction = correction_text(mount);
             log::info!("the sensor is at ({x:.3}, {y:.3}, {z:.3}) m on the head, {correction} from where it is set");
         }
-        mount
+        calibration
     }
 
     fn publish_map(&mut self, published: PublishedMap) {

@@ -32,8 +32,9 @@ pub fn figures(snapshot: &Snapshot, before: Option<&(i64, ResultsCounters)>) -> 
         Some((_, then)) if passed_s > 0.0 => count(now).saturating_sub(count(then)) as f64 / passed_s,
         _ => f64::NAN,
     };
-    let mount_sigma_m = snapshot.mount.and_then(|mount| mount.estimate).map(|found| found.sigma_m().max_element());
-    let ms = |s: Option<f64>| s.map_or(f64::NAN, |s| s * 1e3);
+    let calibration = snapshot.calibration;
+    let (offset, mount) = (calibration.observed_time_offset(), &calibration.mount);
+    let in_thousandths = |of: Option<f64>| of.map_or(f64::NAN, |of| of * 1e3);
     wire::Figures {
         nearest_m: nearest_obstacle_m.min(nearest_wall_m),
         nearest_obstacle_m,
@@ -47,9 +48,9 @@ pub fn figures(snapshot: &Snapshot, before: Option<&(i64, ResultsCounters)>) -> 
         evidence_age_ms: snapshot
             .evidence_ns
             .map_or(f64::NAN, |then| snapshot.time_ns.saturating_sub(then) as f64 * 1e-6),
-        time_offset_ms: snapshot.time_offset_s * 1e3,
-        time_offset_estimate_ms: ms(snapshot.estimate.map(|e| e.offset_s)),
-        time_offset_sigma_ms: ms(snapshot.estimate.map(|e| e.sigma_s)),
+        time_offset_ms: calibration.time_offset_s * 1e3,
+        time_offset_estimate_ms: in_thousandths(offset.map(|offset| offset.offset_s)),
+        time_offset_sigma_ms: in_thousandths(offset.map(|offset| offset.sigma_s)),
         frames: now.frames as f64,
         sweeps: now.sweeps as f64,
         poses: now.poses as f64,
@@ -58,8 +59,9 @@ pub fn figures(snapshot: &Snapshot, before: Option<&(i64, ResultsCounters)>) -> 
         poses_left_out: now.poses_left_out as f64,
         looks: now.updates as f64,
         obstacles_forgotten: now.removed as f64,
-        mount_correction_mm: snapshot.mount.map_or(f64::NAN, |mount| mount.correction_m() * 1e3),
-        mount_sigma_mm: mount_sigma_m.map_or(f64::NAN, |sigma_m| sigma_m * 1e3),
-        drift_mm: snapshot.drift_m.map_or(f64::NAN, |drift_m| drift_m * 1e3),
+        mount_correction_mm: mount.correction_m() * 1e3,
+        mount_sigma_mm: in_thousandths(mount.estimate.map(|found| found.sigma_m().max_element())),
+        drift_mm: in_thousandths(calibration.drift_m),
+        range_bias_mm: in_thousandths(calibration.greatest_range_bias_m()),
     }
 }

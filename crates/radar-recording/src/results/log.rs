@@ -64,11 +64,10 @@ impl LogState {
             add(format!("moving target {id} lost at {range_m:.2} m"), false);
         }
         (self.obstacles, self.walls, self.moving) = (obstacles, walls, moving);
-        let before_s = self.time_offset_s.replace(snapshot.time_offset_s);
-        if let Some(before_s) =
-            before_s.filter(|before_s| (snapshot.time_offset_s - before_s).abs() > MIN_OFFSET_CHANGE_S)
-        {
-            let (now, before) = (snapshot.time_offset_s * 1e3, before_s * 1e3);
+        let offset_s = snapshot.calibration.time_offset_s;
+        let before_s = self.time_offset_s.replace(offset_s);
+        if let Some(before_s) = before_s.filter(|before_s| (offset_s - before_s).abs() > MIN_OFFSET_CHANGE_S) {
+            let (now, before) = (offset_s * 1e3, before_s * 1e3);
             add(format!("time offset set to {now:+.2} ms, before {before:+.2} ms"), false);
         }
         let (now, then) = (snapshot.counted, std::mem::replace(&mut self.counted, snapshot.counted));

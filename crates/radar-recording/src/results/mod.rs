@@ -35,5 +35,5 @@ mod writer;
 
 pub use beam::BeamCone;
 pub use figures::wire;
-pub use snapshot::{OffsetEstimate, ResultsCounters, Snapshot};
+pub use snapshot::{ResultsCounters, Snapshot};
 pub use writer::ResultsWriter;

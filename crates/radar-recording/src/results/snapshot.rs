@@ -1,6 +1,6 @@
 //! Snapshot of the results at one moment.
 
-use radar_mapping::{Evidence, MountInUse, Scene};
+use radar_mapping::{CalibrationInUse, Evidence, Scene};
 use radar_sar::geometry::Pose;
 
 /// Snapshot of the results at one moment.
@@ -16,25 +16,10 @@ pub struct Snapshot<'a> {
     pub evidence: &'a Evidence,
     /// End of the newest sweep in the evidence, host nanoseconds.
     pub evidence_ns: Option<i64>,
-    /// Time offset in use, seconds: time of a sweep's pose minus time of the sweep.
-    pub time_offset_s: f64,
-    /// Time offset estimated from the data.
-    pub estimate: Option<OffsetEstimate>,
-    /// The mount in use, with its last estimate.
-    pub mount: Option<MountInUse>,
-    /// Slow tracking error in each axis as estimated, rms, metres.
-    pub drift_m: Option<f64>,
+    /// What sweeps and poses are corrected by.
+    pub calibration: &'a CalibrationInUse,
     /// Counters since the start.
     pub counted: ResultsCounters,
-}
-
-/// Estimate of the time offset.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OffsetEstimate {
-    /// The offset, seconds.
-    pub offset_s: f64,
-    /// Its 1σ, seconds.
-    pub sigma_s: f64,
 }
 
 /// Counters since the start.

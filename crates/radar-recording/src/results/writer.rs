@@ -111,7 +111,8 @@ mod tests {
     use super::super::super::test_files::{TestFile, assert_same, events, header};
     use super::super::super::{Recording, RecordingSummary};
     use super::*;
-    use radar_mapping::{Evidence, Observed, Obstacle, Scene};
+    use radar_mapping::{CalibrationInUse, Evidence, Observed, Obstacle, Scene};
+    use radar_sar::geometry::Pose;
 
     const BEAM: BeamCone = BeamCone { cut_off_rad: 0.7, ranges_m: [0.2, 3.0] };
 
@@ -144,10 +145,7 @@ mod tests {
                 scene: &scene(time_ns),
                 evidence: &evidence,
                 evidence_ns: None,
-                time_offset_s: 0.0,
-                estimate: None,
-                mount: None,
-                drift_m: None,
+                calibration: &CalibrationInUse::as_set(0.0, Pose::IDENTITY),
                 counted: ResultsCounters::default(),
             };
             writer.write_snapshot(&snapshot).unwrap();

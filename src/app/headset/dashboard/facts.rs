@@ -132,11 +132,15 @@ pub(super) fn view(
 }
 
 fn fill(health: &mut Health, published: &PublishedMap, now_ns: i64) {
-    health.time_offset_s = to_tenths_of_ms(published.time_offset_s);
-    health.time_offset_sigma_s = published.time_offset_sigma_s.map(to_tenths_of_ms);
-    health.mount = published.mount.as_ref().map_or(MountHealth::Unknown, mount_health);
-    // To half a millimetre: the panel is drawn anew when it changes.
-    health.drift_m = published.drift_m.map(|drift_m| (drift_m * 2e3).round() / 2e3);
+    if let Some(calibration) = &published.calibration {
+        health.time_offset_s = to_tenths_of_ms(calibration.time_offset_s);
+        let offset = calibration.observed_time_offset();
+        health.time_offset_sigma_s = offset.map(|offset| to_tenths_of_ms(offset.sigma_s));
+        health.mount = mount_health(&calibration.mount);
+        // To half a millimetre: the panel is drawn anew when it changes.
+        health.drift_m = calibration.drift_m.map(|drift_m| (drift_m * 2e3).round() / 2e3);
+        health.range_bias_m = calibration.greatest_range_bias_m();
+    }
     let scene = &published.scene;
     health.obstacles = scene.obstacles.len();
     let remembered_walls = scene.walls.iter().filter(|wall| wall.provisional && self::wall(wall).is_some()).count();
