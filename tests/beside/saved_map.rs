@@ -98,10 +98,13 @@ pub fn panels_at(shot: &Value, chair: &TruthObstacle) -> Vec<f64> {
     panels.filter(|overlay| to(chair, position(overlay)) < 0.3).map(|panel| panel["alpha"].as_f64().unwrap()).collect()
 }
 
-/// Distance along the floor, metres.
+/// Distance along the floor to the box around the chair, metres. Its points are only its corners.
 pub fn to(chair: &TruthObstacle, position: DVec3) -> f64 {
-    let level = |v: DVec3| DVec2::new(v.x, v.z).length();
-    chair.points_m.iter().map(|point| level(*point - position)).fold(f64::INFINITY, f64::min)
+    let level = |v: DVec3| DVec2::new(v.x, v.z);
+    let corners = || chair.points_m.iter().map(|point| level(*point));
+    let least = corners().fold(DVec2::INFINITY, DVec2::min);
+    let most = corners().fold(DVec2::NEG_INFINITY, DVec2::max);
+    level(position).distance(level(position).clamp(least, most))
 }
 
 /// Track of a head at rest for ten minutes from now, fifty poses per second: the fake runtime
