@@ -95,6 +95,17 @@ pub(super) fn holds_chunk(record: &[u8]) -> bool {
     record.windows(ZSTD.len()).any(|bytes| bytes == ZSTD)
 }
 
+/// Whether a record is the index of one chunk and nothing more. It names the chunk's compression, as a chunk's head does.
+pub(super) fn is_chunk_index(record: &[u8]) -> bool {
+    let mut fields = Fields(record);
+    let mut is_whole = || {
+        let (_times_and_place, offsets) = (fields.bytes(4 * 8)?, fields.sized()?);
+        let (_offsets_bytes, _compression, _sizes) = (fields.u64()?, fields.text()?, fields.bytes(2 * 8)?);
+        Some(!holds_chunk(offsets))
+    };
+    is_whole() == Some(true) && fields.0.is_empty()
+}
+
 /// Whether a chunk's content is not as long as its packed records say, or holds the head of another chunk.
 pub(super) fn has_wrong_length(chunk: &[u8]) -> bool {
     let head_bytes = HEAD_BYTES - RECORD_HEAD_BYTES;

@@ -11,7 +11,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use super::chunk::unpack;
-use super::damaged_places::{has_wrong_length, holds_chunk, read_up_to};
+use super::damaged_places::{has_wrong_length, holds_chunk, is_chunk_index, read_up_to};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
     FRAME_CHANNEL, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING,
@@ -182,12 +182,13 @@ impl Recording {
                 is_end = true;
                 GOES_ON.to_owned()
             }
-            FetchedRecord::Record(op::STATISTICS, record) => {
+            FetchedRecord::Record(op::STATISTICS, record) if !holds_chunk(&record) => {
                 self.stated = message_counts(&record);
                 return;
             }
-            // The index of the chunks names their compression, as their heads do.
-            FetchedRecord::Record(opcode, record) if opcode == op::CHUNK_INDEX || !holds_chunk(&record) => {
+            FetchedRecord::Record(opcode, record)
+                if !holds_chunk(&record) || opcode == op::CHUNK_INDEX && is_chunk_index(&record) =>
+            {
                 self.content.damage.index_damaged |= opcode == op::DATA_END;
                 return;
             }
@@ -350,17 +351,21 @@ fn read_header(
     let mut header: Option<Header> = None;
     loop {
         let fetched = source.fetch();
+        let has_right_length =
+            header.is_none() || !matches!(&fetched, FetchedRecord::Record(_, record) if holds_chunk(record));
         match (&fetched, &mut header) {
-            (FetchedRecord::Record(op::HEADER, _), _) => {}
-            (FetchedRecord::Record(op::METADATA, record), header) => match (metadata(record), header) {
-                (Some((HEADER_RECORD, fields)), none @ None) => *none = Some(Header::from_fields(&fields)?),
-                (Some((TRUTH_RECORD, fields)), Some(header)) => match Header::truth_from_fields(&fields) {
-                    Ok(truth) => header.truth = Some(truth),
-                    Err(error) => damage.message(error.to_string()),
-                },
-                (_, Some(_)) => damage.message("a record behind the header is not what belongs there"),
-                _ => {}
-            },
+            (FetchedRecord::Record(op::HEADER, _), _) if has_right_length => {}
+            (FetchedRecord::Record(op::METADATA, record), header) if has_right_length => {
+                match (metadata(record), header) {
+                    (Some((HEADER_RECORD, fields)), none @ None) => *none = Some(Header::from_fields(&fields)?),
+                    (Some((TRUTH_RECORD, fields)), Some(header)) => match Header::truth_from_fields(&fields) {
+                        Ok(truth) => header.truth = Some(truth),
+                        Err(error) => damage.message(error.to_string()),
+                    },
+                    (_, Some(_)) => damage.message("a record behind the header is not what belongs there"),
+                    _ => {}
+                }
+            }
             (_, Some(_)) => break header.map(|header| (header, fetched)).ok_or_else(|| no_header("nothing")),
             (FetchedRecord::Record(..), None) => return Err(no_header("messages begin without it")),
             (FetchedRecord::Broken(reason), None) => return Err(no_header(reason)),

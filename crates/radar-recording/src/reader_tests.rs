@@ -393,6 +393,33 @@ fn what_looks_like_the_end_costs_nothing_behind_it() {
     assert!(recording.damage().bytes_skipped > 0);
 }
 
+/// A record of any kind, wherever records may begin, that claims as its content what follows it, to the end of a chunk or into one.
+#[test]
+fn no_record_hides_the_chunks_behind_it() {
+    let written = events(4);
+    let bytes = recorded(&written);
+    let found_chunks = chunks(&bytes);
+    let starts: Vec<usize> = found_chunks.iter().map(|chunk| chunk.0.start).collect();
+    let data_end = [&[op::DATA_END, 4][..], &[0; 11]].concat();
+    for opcode in op::HEADER..=op::DATA_END {
+        for (n, at) in starts.iter().copied().enumerate().take(3) {
+            for (before, claimed) in [
+                (&[][..], found_chunks[n].0.end - at),
+                (&[], found_chunks[n + 2].0.end - at),
+                (&[], found_chunks[n + 2].0.end - at - 100),
+                (&data_end, found_chunks[n + 1].0.end - at),
+            ] {
+                let head = [before, &[opcode], &(claimed as u64).to_le_bytes()].concat();
+                let (found, recording) = read(&[&bytes[..at], &head, &bytes[at..]].concat()).unwrap();
+                let damage = recording.damage();
+                assert_eq!(found.len(), written.len(), "kind {opcode}, {claimed} bytes at {at}: {damage}");
+                assert_same(&found, &written);
+                assert!(damage.bytes_skipped > 0, "kind {opcode}, {claimed} bytes at {at}: {damage}");
+            }
+        }
+    }
+}
+
 #[test]
 fn topics_are_known_with_a_damaged_declaration() {
     let written = events(2);
