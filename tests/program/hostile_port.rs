@@ -7,12 +7,13 @@ use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{JoinHandle, sleep, spawn};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
 use crate::PROGRAM;
@@ -76,10 +77,17 @@ impl Harm {
     }
 }
 
+/// Longest wait for the program, however busy the machine is.
+const PATIENCE: Duration = Duration::from_secs(240);
+/// How long the peer does harm before the program is interrupted, ms of the peer's own pauses: on a busy machine they last
+/// longer. Choice: the program asks silent boards again after a second.
+const HARM_MS: u64 = 2500;
+
 /// A pseudo-terminal with a peer that answers some commands as a board does, and then does harm.
 struct Peer {
     path: PathBuf,
     is_over: Arc<AtomicBool>,
+    harm_ms: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -96,12 +104,22 @@ impl Peer {
         rustix::termios::tcsetattr(&other_end, rustix::termios::OptionalActions::Now, &modes).unwrap();
         rustix::io::ioctl_fionbio(&ours, true).unwrap();
         let is_over = Arc::new(AtomicBool::new(false));
-        let ends = Arc::clone(&is_over);
+        let harm_ms = Arc::new(AtomicU64::new(0));
+        let (ends, harmed_ms) = (Arc::clone(&is_over), Arc::clone(&harm_ms));
         let thread = spawn(move || {
             let mut held = Some(other_end);
-            Talk::new(File::from(ours), honest_answers, harm, seed).run(&ends, &mut held);
+            Talk::new(File::from(ours), honest_answers, harm, seed, &harmed_ms).run(&ends, &mut held);
+            // It has hung up.
+            while !ends.load(Ordering::Relaxed) {
+                sleep(Duration::from_millis(1));
+                harmed_ms.fetch_add(1, Ordering::Relaxed);
+            }
         });
-        Self { path, is_over, thread: Some(thread) }
+        Self { path, is_over, harm_ms, thread: Some(thread) }
+    }
+
+    fn has_done_harm(&self) -> bool {
+        self.harm_ms.load(Ordering::Relaxed) >= HARM_MS
     }
 }
 
@@ -112,8 +130,11 @@ impl Drop for Peer {
     }
 }
 
-struct Talk {
+struct Talk<'h> {
     port: File,
+    harm_ms: &'h AtomicU64,
+    /// The program has opened the port.
+    was_asked: bool,
     honest_left: u32,
     harm: Harm,
     random: ChaCha8Rng,
@@ -124,11 +145,18 @@ struct Talk {
     last_result: Vec<u8>,
 }
 
-impl Talk {
-    fn new(port: File, honest_left: u32, harm: Harm, seed: u64) -> Self {
-        let random = ChaCha8Rng::seed_from_u64(seed);
-        let board = TinyBoard::default();
-        Self { port, honest_left, harm, random, board, line: Vec::new(), unsent: Vec::new(), last_result: Vec::new() }
+impl<'h> Talk<'h> {
+    fn new(port: File, honest_left: u32, harm: Harm, seed: u64, harm_ms: &'h AtomicU64) -> Self {
+        let (random, board) = (ChaCha8Rng::seed_from_u64(seed), TinyBoard::default());
+        let (line, unsent, last_result) = (Vec::new(), Vec::new(), Vec::new());
+        Self { port, harm_ms, was_asked: false, honest_left, harm, random, board, line, unsent, last_result }
+    }
+
+    fn pause(&self, ms: u64) {
+        sleep(Duration::from_millis(ms));
+        if self.honest_left == 0 && self.was_asked {
+            self.harm_ms.fetch_add(ms, Ordering::Relaxed);
+        }
     }
 
     fn run(mut self, is_over: &AtomicBool, other_end: &mut Option<File>) {
@@ -157,11 +185,13 @@ impl Talk {
     /// Reads commands, and answers them.
     fn hear(&mut self) {
         let mut buffer = [0; 4096];
-        match self.port.read(&mut buffer) {
+        let read = self.port.read(&mut buffer);
+        self.was_asked |= read.is_ok();
+        match read {
             Ok(read) if self.honest_left == 0 && self.harm == Harm::Echo => self.unsent.extend(&buffer[..read]),
             Ok(read) => self.line.extend(&buffer[..read]),
-            Err(error) if error.kind() == ErrorKind::WouldBlock => sleep(Duration::from_millis(1)),
-            Err(_) => sleep(Duration::from_millis(5)),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => self.pause(1),
+            Err(_) => self.pause(5),
         }
         while let Some(end) = self.line.iter().position(|byte| *byte == b'\n') {
             let command: Vec<u8> = self.line.drain(..=end).collect();
@@ -181,21 +211,32 @@ impl Talk {
             self.unsent.drain(..written);
         }
         if slowly {
-            sleep(Duration::from_millis(20));
+            self.pause(20);
         }
     }
 }
 
-/// Runs a command with bounds; returns what it printed.
-fn bounded(folder: &Folder, line: &str) -> (bool, String) {
-    let limited = format!("ulimit -v {LIMIT_KIB}; exec {PROGRAM} {line}");
+/// Runs a command with bounds until the peer has done its harm or the command ends; returns what it printed.
+fn bounded(folder: &Folder, line: &str, name: &str, peer: &Peer) -> (bool, String) {
+    let limited = format!("ulimit -v {LIMIT_KIB}; exec {PROGRAM} {line} >{name}.txt 2>&1");
     let mut shell = Command::new("sh");
     shell.env("MALLOC_ARENA_MAX", "1").env("RAYON_NUM_THREADS", "2").current_dir(folder.path("."));
-    let output = shell.args(["-c", &limited]).output().unwrap();
-    let text = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.code().is_some() && !text.contains("panicked"), "{line}: {:?} {text}", output.status);
+    let mut child = shell.args(["-c", &limited]).spawn().unwrap();
+    let mut ended = None;
+    let begin = Instant::now();
+    while ended.is_none() && !peer.has_done_harm() {
+        assert!(begin.elapsed() < PATIENCE, "{line}: the program does not speak to the port");
+        sleep(Duration::from_millis(10));
+        ended = child.try_wait().unwrap();
+    }
+    let status = ended.unwrap_or_else(|| {
+        kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+        child.wait().unwrap()
+    });
+    let text = String::from_utf8_lossy(&std::fs::read(folder.path(&format!("{name}.txt"))).unwrap()).into_owned();
+    assert!(status.code().is_some() && !text.contains("panicked"), "{line}: {status:?} {text}");
     assert!(!text.contains(['\x1b', '\x07', '\u{202e}']), "{line} passes on what a terminal obeys: {text:?}");
-    (output.status.success(), text)
+    (status.success(), text)
 }
 
 #[test]
@@ -214,9 +255,9 @@ fn whatever_is_at_the_port_a_recording_ends_and_is_whole() {
 
 fn recorded_from(folder: &Folder, n: usize, harm: Harm, honest_answers: u32) {
     let peer = Peer::start(honest_answers, harm, n as u64);
-    let out = format!("{n}_{honest_answers}.mcap");
-    let port = peer.path.display();
-    let (succeeded, text) = bounded(folder, &format!("record --port {port} --out {out} --duration-s 3"));
+    let name = format!("{n}_{honest_answers}");
+    let (out, port) = (format!("{name}.mcap"), peer.path.display());
+    let (succeeded, text) = bounded(folder, &format!("record --port {port} --out {out}"), &name, &peer);
     assert!(succeeded || text.contains("error: "), "{harm:?} after {honest_answers}: {text}");
     let speaks = matches!(harm, Harm::Noise | Harm::LineWithoutEnd | Harm::NestedJson);
     assert!(!speaks || honest_answers == 60 || text.contains("bytes that are no message"), "{harm:?}: {text}");
