@@ -1,4 +1,4 @@
-//! A track, and what it says about the corrections near those that it was last fitted for.
+//! A track, and its information on the corrections near those that it was last fitted for.
 
 use super::combination::TrackTerm;
 use super::corrections::{CORRECTIONS, Corrections};
@@ -72,7 +72,7 @@ impl FittedTrack {
         if own > OWN_EXCESS * of_tracking { own } else { of_tracking }
     }
 
-    /// What it says at these corrections. `unmodelled`: factor of its variance.
+    /// Its information at these corrections. `unmodelled`: factor of its variance.
     pub fn term_at(&self, at: &Corrections, unmodelled: f64) -> Option<TrackTerm> {
         let Information { quadratic, variance_factor, middle_ns, .. } = self.information?;
         let step = std::array::from_fn(|k| at[k] - self.at[k]);

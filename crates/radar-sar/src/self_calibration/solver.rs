@@ -62,7 +62,7 @@ impl Point {
         (self.drift_scale * errors.slow_variance_m2()).sqrt()
     }
 
-    /// What the tracks say at this point.
+    /// The tracks' information at this point.
     pub fn terms<'t>(&self, tracks: impl Iterator<Item = &'t FittedTrack>, errors: &PositionErrors) -> Vec<TrackTerm> {
         let unmodelled = (self.drift_m(errors) / TRUSTED_DRIFT_M).max(1.0).powi(2);
         tracks.filter_map(|track| track.term_at(&self.at, unmodelled)).collect()
