@@ -39,6 +39,9 @@ pub(super) const POSE_SCHEMA: &str = "radar_chaperone.TrackedPose";
 pub(super) const HANDS_TOPIC: &str = "/tracking/hands_raw";
 pub(super) const HANDS_SCHEMA: &str = "radar_chaperone.TrackedHands";
 
+/// Most points of a frame. Physics: the sensor's buffer holds 4095 (data sheet, "Limitations"); what claims more is no frame.
+const MAX_FRAME_POINTS: usize = 4095;
+
 pub(super) fn encode_frame(frame: &Frame) -> Vec<u8> {
     let sample_bytes = |s: &Complex<i16>| {
         let ([a, b], [c, d]) = (s.re.to_le_bytes(), s.im.to_le_bytes());
@@ -62,6 +65,9 @@ pub(super) fn decode_frame(bytes: &[u8]) -> Result<Frame, String> {
     let (points, rest) = message.samples.as_chunks::<4>();
     if !rest.is_empty() {
         return Err(format!("a frame has {} bytes of samples, not a multiple of 4", message.samples.len()));
+    }
+    if points.len() > MAX_FRAME_POINTS {
+        return Err(format!("a frame has {} points, more than the sensor's {MAX_FRAME_POINTS}", points.len()));
     }
     let temperature_c = i16::try_from(message.temperature_c)
         .map_err(|_| format!("a frame has a temperature of {} °C", message.temperature_c))?;

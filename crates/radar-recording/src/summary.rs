@@ -1,6 +1,7 @@
 //! Summary of a recording, as printed by `radar-chaperone info FILE`.
 
 use radar_mapping::Event;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
@@ -58,9 +59,36 @@ pub struct StreamSummary {
     /// Entries that are not later than the one before.
     pub not_rising: u64,
     previous_ns: Option<i64>,
-    /// Positive intervals, nanoseconds, for the median interval and the gaps; eight bytes per
-    /// entry.
-    intervals_ns: Vec<i64>,
+    intervals: Intervals,
+}
+
+/// Positive intervals, in groups that differ by a thousandth: a file may claim any number of them.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Intervals {
+    /// Number and sum, nanoseconds, by the interval with its lower bits cleared.
+    groups: BTreeMap<i64, (u64, i128)>,
+    longest_ns: i64,
+}
+
+/// Leading bits by which intervals are grouped. Choice: at most 56 000 groups; the medians printed have four digits.
+const GROUP_BITS: u32 = 10;
+
+impl Intervals {
+    fn push(&mut self, interval_ns: i64) {
+        let low_bits = (i64::BITS - interval_ns.leading_zeros()).saturating_sub(GROUP_BITS);
+        let (count, sum_ns) = self.groups.entry(interval_ns >> low_bits << low_bits).or_default();
+        (*count, *sum_ns) = (*count + 1, *sum_ns + i128::from(interval_ns));
+        self.longest_ns = self.longest_ns.max(interval_ns);
+    }
+
+    /// Number and mean of each group, seconds, rising.
+    fn groups(&self) -> impl Iterator<Item = (u64, f64)> {
+        self.groups.values().map(|(count, sum_ns)| (*count, *sum_ns as f64 * 1e-9 / *count as f64))
+    }
+
+    fn count(&self) -> u64 {
+        self.groups().map(|(count, _)| count).sum()
+    }
 }
 
 impl StreamSummary {
@@ -70,7 +98,7 @@ impl StreamSummary {
         self.last_ns = Some(self.last_ns.map_or(time_ns, |t| t.max(time_ns)));
         match self.previous_ns.replace(time_ns) {
             Some(before_ns) if time_ns <= before_ns => self.not_rising += 1,
-            Some(before_ns) => self.intervals_ns.push(time_ns.saturating_sub(before_ns)),
+            Some(before_ns) => self.intervals.push(time_ns.saturating_sub(before_ns)),
             None => {}
         }
     }
@@ -83,19 +111,23 @@ impl StreamSummary {
         }
     }
 
-    /// Median interval, seconds.
+    /// Median interval, seconds, within a thousandth.
     pub fn median_interval_s(&self) -> Option<f64> {
-        let mut sorted = self.intervals_ns.clone();
-        let middle = sorted.len() / 2;
-        (!sorted.is_empty()).then(|| *sorted.select_nth_unstable(middle).1 as f64 * 1e-9)
+        let mut before = 0;
+        let middle = self.intervals.count() / 2;
+        self.intervals.groups().find_map(|(count, mean_s)| {
+            before += count;
+            (before > middle).then_some(mean_s)
+        })
     }
 
     /// Entries per second outside gaps.
     pub fn rate_hz(&self) -> Option<f64> {
         let border_s = self.gap_threshold_s(0.0);
-        let usual = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s <= border_s);
-        let (count, sum_s) = usual.fold((0.0, 0.0), |(count, sum), s| (count + 1.0, sum + s));
-        (sum_s > 0.0).then(|| count / sum_s)
+        let usual = self.intervals.groups().filter(|(_, mean_s)| *mean_s <= border_s);
+        let (count, sum_s) =
+            usual.fold((0, 0.0), |(all, sum_s), (count, mean_s)| (all + count, sum_s + count as f64 * mean_s));
+        (sum_s > 0.0).then(|| count as f64 / sum_s)
     }
 
     /// Shortest interval that counts as a gap, seconds.
@@ -104,16 +136,15 @@ impl StreamSummary {
     }
 
     /// Number of intervals longer than this, seconds.
-    fn intervals_above(&self, limit_s: f64) -> usize {
-        self.intervals_ns.iter().filter(|&&ns| ns as f64 * 1e-9 > limit_s).count()
+    fn intervals_above(&self, limit_s: f64) -> u64 {
+        self.intervals.groups().filter(|(_, mean_s)| *mean_s > limit_s).map(|(count, _)| count).sum()
     }
 
     /// Number of gaps, and the longest one in seconds: intervals above `least_s` and 2.5 times the
     /// median.
-    pub fn gaps(&self, least_s: f64) -> (usize, f64) {
-        let border_s = self.gap_threshold_s(least_s);
-        let gaps_s = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s > border_s);
-        gaps_s.fold((0, 0.0), |(count, longest), s| (count + 1, f64::max(longest, s)))
+    pub fn gaps(&self, least_s: f64) -> (u64, f64) {
+        let count = self.intervals_above(self.gap_threshold_s(least_s));
+        (count, if count > 0 { self.intervals.longest_ns as f64 * 1e-9 } else { 0.0 })
     }
 }
 
@@ -224,7 +255,7 @@ impl RecordingSummary {
     /// Whether a good part of the poses are farther apart than `max_gap_s`.
     pub fn sparse_poses(&self, max_gap_s: f64) -> Option<SparsePoses> {
         let interval_s = self.poses.median_interval_s()?;
-        let (above, all) = (self.poses.intervals_above(max_gap_s), self.poses.intervals_ns.len());
+        let (above, all) = (self.poses.intervals_above(max_gap_s), self.poses.intervals.count());
         (above as f64 >= MIN_SPARSE_SHARE * all as f64).then_some(SparsePoses { interval_s, max_gap_s })
     }
 
