@@ -1,12 +1,12 @@
 //! `radar-chaperone recover FILE --out NEW`: saves what is readable of a damaged recording.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
 
 use super::files::ReplaceArgument;
-use radar_recording::{Recording, RecordingWriter};
+use radar_recording::{Header, Recording, RecordingWriter};
 
 /// Copies everything readable of a damaged recording into a new, valid one
 #[derive(Debug, Args)]
@@ -16,14 +16,25 @@ pub(super) struct Recover {
     /// New recording
     #[arg(long, value_name = "FILE.mcap")]
     out: PathBuf,
+    /// Recording of the same sensor with the same settings, where the header of the damaged one is lost
+    #[arg(long, value_name = "OTHER.mcap")]
+    header_of: Option<PathBuf>,
     #[command(flatten)]
     replace: ReplaceArgument,
 }
 
 impl Recover {
     pub fn run(&self) -> Result<()> {
-        self.replace.check(&self.out, &[&self.file])?;
-        let mut recording = Recording::open(&self.file)?;
+        let other = self.header_of.as_deref();
+        let inputs: Vec<&Path> = other.into_iter().chain([self.file.as_path()]).collect();
+        self.replace.check(&self.out, &inputs)?;
+        let mut recording = match other {
+            None => Recording::open(&self.file)?,
+            Some(other) => {
+                let header = Recording::open(other)?.header().clone();
+                Recording::open_with_header(&self.file, Header { truth: None, ..header })?
+            }
+        };
         let mut writer = RecordingWriter::create(&self.out, recording.header())?;
         let mut is_empty = true;
         for event in &mut recording {

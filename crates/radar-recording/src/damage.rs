@@ -13,6 +13,8 @@ pub struct Damage {
     pub messages_skipped: u64,
     /// Bytes between whole chunks that were passed over, because no record could be read there.
     pub bytes_skipped: u64,
+    /// Bytes that the disk could not read, as far as reading came across them.
+    pub unreadable_bytes: u64,
     /// Whether the checksum of all data differs. Headers of chunks and of messages' indexes are covered by it alone.
     pub checksum_differs: bool,
     /// Whether the index behind the data, or the end of the file, is not as written. No frame or pose is in it.
@@ -59,6 +61,9 @@ impl fmt::Display for Damage {
         }
         if self.bytes_skipped > 0 {
             parts.push(format!("{} bytes passed over", self.bytes_skipped));
+        }
+        if self.unreadable_bytes > 0 {
+            parts.push(format!("{} bytes that the disk cannot read", self.unreadable_bytes));
         }
         if self.checksum_differs {
             parts.push("the file's checksum differs".to_owned());

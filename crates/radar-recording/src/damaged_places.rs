@@ -16,20 +16,17 @@ const HEAD_BYTES: usize = BYTES_BEFORE_ZSTD + ZSTD.len() + 8;
 const RECORD_HEAD_BYTES: usize = 9;
 /// Bytes that are searched at a time. Choice: what a disk reads at once.
 const WINDOW_BYTES: usize = 1 << 16;
-/// Bytes that are passed over where the disk cannot be read, and how often. Choice: a sector; each may take seconds.
-const SECTOR_BYTES: u64 = 4096;
-const MAX_BAD_SECTORS: u32 = 256;
-/// Header and truth, and their copies, are this near to the beginning; longest of them, bytes; places that are tried. Choice: many
-/// times what they have.
-const HEADER_REACH_BYTES: u64 = 16 << 20;
-const MAX_HEADER_BYTES: u64 = 4 << 20;
-const MAX_HEADER_PLACES: usize = 64;
+/// Longest header or truth, and what all places that may hold one may have together, bytes. Choice: many times what they have.
+pub(super) const MAX_HEADER_BYTES: u64 = 4 << 20;
+const MAX_HEADERS_BYTES: u64 = 4 * MAX_HEADER_BYTES;
 
 /// A place where a chunk record may begin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ChunkPlace {
     /// Offset of its opcode.
     pub start: u64,
+    /// Whether its opcode or length is a chunk's as well; both may be damaged.
+    pub is_likely: bool,
     /// Lengths that its content may have: by that of its packed records, and by its own length field where that differs.
     pub lengths: [Option<u64>; 2],
 }
@@ -39,7 +36,6 @@ pub(super) struct ChunkPlace {
 pub(super) struct ChunkSearch {
     window_at: u64,
     window: Vec<u8>,
-    bad_sectors: u32,
 }
 
 impl ChunkSearch {
@@ -49,7 +45,7 @@ impl ChunkSearch {
         loop {
             let end = self.window_at + self.window.len() as u64;
             if from < self.window_at || from + HEAD_BYTES as u64 > end {
-                from = self.read(input, from)?;
+                (self.window, self.window_at) = (read_at(input, from, WINDOW_BYTES as u64)?, from);
                 if self.window.len() < HEAD_BYTES {
                     return Ok(None);
                 }
@@ -63,19 +59,6 @@ impl ChunkSearch {
             from = self.window_at + (self.window.len() - HEAD_BYTES + 1) as u64;
         }
     }
-
-    /// Reads the window from there on, or from behind what cannot be read; where it begins.
-    fn read(&mut self, input: &mut (impl Read + Seek), mut from: u64) -> io::Result<u64> {
-        self.window = loop {
-            match read_at(input, from, WINDOW_BYTES as u64) {
-                Ok(window) => break window,
-                Err(error) if self.bad_sectors == MAX_BAD_SECTORS => return Err(error),
-                Err(_) => (from, self.bad_sectors) = (from + SECTOR_BYTES, self.bad_sectors + 1),
-            }
-        };
-        self.window_at = from;
-        Ok(from)
-    }
 }
 
 fn chunk_place(start: u64, head: &[u8]) -> Option<ChunkPlace> {
@@ -85,9 +68,9 @@ fn chunk_place(start: u64, head: &[u8]) -> Option<ChunkPlace> {
     let by_packed = fields.u64()?.saturating_add((HEAD_BYTES - RECORD_HEAD_BYTES) as u64);
     let is_possible = |length: &u64| *length <= MAX_RECORD_BYTES as u64;
     let own = Some(length).filter(|own| is_possible(own) && *own != by_packed);
-    // One field may be damaged, not all.
-    let is_chunk = opcode == op::CHUNK || length == by_packed;
-    is_chunk.then_some(ChunkPlace { start, lengths: [Some(by_packed).filter(is_possible), own] })
+    let is_likely = opcode == op::CHUNK || length == by_packed;
+    let lengths = [Some(by_packed).filter(is_possible), own.filter(|_| is_likely)];
+    lengths.iter().any(Option::is_some).then_some(ChunkPlace { start, is_likely, lengths })
 }
 
 /// Whether a record that is no chunk holds the head of one: then its length is wrong.
@@ -114,20 +97,31 @@ pub(super) fn has_wrong_length(chunk: &[u8]) -> bool {
         || holds_chunk(&chunk[head_bytes - 8..])
 }
 
-/// What `read` gives for the first metadata record with this name near the beginning for which it gives something.
+/// What `read` gives for the first metadata record with this name for which it gives something, wherever in the file that is.
 pub(super) fn find_metadata<T>(
     input: &mut (impl Read + Seek),
     name: &str,
     read: impl Fn(&[u8]) -> Option<T>,
 ) -> io::Result<Option<T>> {
-    let bytes = read_at(input, 0, HEADER_REACH_BYTES + MAX_HEADER_BYTES)?;
     let pattern = [&(name.len() as u32).to_le_bytes(), name.as_bytes()].concat();
-    let places = bytes.windows(pattern.len()).enumerate().filter(|(_, at)| *at == pattern).map(|(at, _)| at);
-    let content = |at: usize| -> Option<&[u8]> {
-        let length = Fields(&bytes[at.checked_sub(8)?..]).u64().filter(|length| *length <= MAX_HEADER_BYTES)?;
-        bytes.get(at..at + length as usize)
-    };
-    Ok(places.take(MAX_HEADER_PLACES).filter_map(content).find_map(read))
+    let (mut window_at, mut bytes_left) = (0, MAX_HEADERS_BYTES);
+    loop {
+        let window = read_at(input, window_at, WINDOW_BYTES as u64)?;
+        // A record begins with its opcode and length.
+        let places = window.windows(pattern.len()).enumerate().skip(RECORD_HEAD_BYTES).filter(|(_, at)| *at == pattern);
+        for (at, _) in places {
+            let length = Fields(&window[at - 8..]).u64().filter(|length| *length <= bytes_left.min(MAX_HEADER_BYTES));
+            let Some(length) = length else { continue };
+            bytes_left -= length;
+            if let found @ Some(_) = read(&read_at(input, window_at + at as u64, length)?) {
+                return Ok(found);
+            }
+        }
+        if window.len() < WINDOW_BYTES {
+            return Ok(None);
+        }
+        window_at += (WINDOW_BYTES - pattern.len() - RECORD_HEAD_BYTES + 1) as u64;
+    }
 }
 
 /// Up to this many bytes from an offset on. Memory grows with what is there, not with what is requested.
@@ -159,33 +153,10 @@ mod tests {
             let head = head(144, 100);
             bytes[at..at + head.len()].copy_from_slice(&head);
             let (mut input, mut search) = (Cursor::new(&bytes), ChunkSearch::default());
-            let place = ChunkPlace { start: at as u64, lengths: [Some(144), None] };
+            let place = ChunkPlace { start: at as u64, is_likely: true, lengths: [Some(144), None] };
             assert_eq!(search.next(&mut input, 0).unwrap(), Some(place), "{at}");
             assert_eq!(search.next(&mut input, at as u64).unwrap(), Some(place), "{at}");
             assert_eq!(search.next(&mut input, at as u64 + 1).unwrap(), None, "{at}");
         }
-    }
-
-    #[test]
-    fn unreadable_sectors_are_passed_over() {
-        struct Disk(Cursor<Vec<u8>>);
-        impl Seek for Disk {
-            fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-                self.0.seek(to)
-            }
-        }
-        impl Read for Disk {
-            fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-                match self.0.position() < 3 * SECTOR_BYTES {
-                    true => Err(io::Error::other("bad sector")),
-                    false => self.0.read(into),
-                }
-            }
-        }
-        let mut bytes = vec![0; 5 * SECTOR_BYTES as usize];
-        bytes.extend(head(144, 100));
-        let mut disk = Disk(Cursor::new(bytes));
-        let found = ChunkSearch::default().next(&mut disk, 8).unwrap();
-        assert_eq!(found.map(|place| place.start), Some(5 * SECTOR_BYTES));
     }
 }

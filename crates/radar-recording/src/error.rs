@@ -46,6 +46,17 @@ pub enum RecordingError {
         /// What was found instead of the header.
         found: String,
     },
+    /// The header and its copies are lost, and what was recorded is not.
+    #[error(
+        "{path} has lost its header ({reason}), but holds frames or poses: give a recording of the same sensor with the same \
+         settings as `radar-chaperone recover {path} --header-of OTHER.mcap --out NEW.mcap`"
+    )]
+    HeaderLost {
+        /// The file.
+        path: PathBuf,
+        /// What was found instead of the header.
+        reason: Box<RecordingError>,
+    },
     /// The file has a newer format.
     #[error("the recording has format {found}, this program reads up to {known}: update radar-chaperone")]
     NewerFormat {

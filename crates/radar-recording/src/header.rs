@@ -7,7 +7,8 @@ use std::ops::RangeInclusive;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::RecordingError;
+use super::damaged_places::MAX_HEADER_BYTES;
+use super::{MAX_SMALL_BYTES, RecordingError};
 use a121::SensorConfig;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::Truth;
@@ -117,12 +118,16 @@ impl Header {
         if let Some(step_m) = sensor.base_step_length_m.filter(|step_m| !BASE_STEPS_M.contains(step_m)) {
             return Err(unusable("sensor", format!("a base step of {step_m} m is impossible")));
         }
+        let settings = text(fields, "settings")?;
+        if settings.len() as u64 > MAX_SMALL_BYTES {
+            return Err(unusable("settings", format!("they have {} bytes, at most {MAX_SMALL_BYTES}", settings.len())));
+        }
         Ok(Self {
             source: text(fields, "source")?.to_owned(),
             config,
             sensor,
             head_from_sensor: mount(parsed(fields, "head_from_sensor")?)?,
-            settings: text(fields, "settings")?.to_owned(),
+            settings: settings.to_owned(),
             truth: None,
         })
     }
@@ -141,10 +146,14 @@ impl Header {
     /// Checks that reading returns what is written.
     ///
     /// # Errors
-    /// The field that would be rejected or changed: a broken rule, or a number that is not finite.
+    /// The field that would be rejected or changed: a broken rule, a number that is not finite, or more than is read.
     pub(super) fn check_readable(&self) -> Result<(), RecordingError> {
         let mut back = Self::from_fields(&self.to_fields())?;
         if let Some(fields) = self.truth_to_fields() {
+            let bytes: usize = fields.values().map(String::len).sum();
+            if bytes as u64 > MAX_HEADER_BYTES / 2 {
+                return Err(unusable(TRUTH_KEY, format!("it has {bytes} bytes, at most {}", MAX_HEADER_BYTES / 2)));
+            }
             back.truth = Some(Self::truth_from_fields(&fields)?);
         }
         if back != *self {

@@ -15,9 +15,9 @@
 //!
 //! # Format
 //!
-//! A file starts with metadata records (the [`Header`]), so that even a truncated file can be read. They have a checksum, and a copy
-//! behind the first chunk, which declares the topics. Then come chunks of at most one second, with these topics (name, schema,
-//! content):
+//! A file starts with metadata records (the [`Header`]), so that even a truncated file can be read. They have a checksum, and copies
+//! behind the first chunk, which declares the topics, behind the first 256 kB, and behind the last chunk. Chunks are of at most one
+//! second, or 4 kB where that is more, with these topics (name, schema, content):
 //!
 //! - `/radar/frame`, `radar_chaperone.Frame`: raw frames.
 //! - `/tracking/head_raw`, `radar_chaperone.TrackedPose`: every pose as received, valid or not.
@@ -61,6 +61,7 @@ mod chunk;
 mod csv_track;
 mod damage;
 mod damaged_places;
+mod disk;
 mod disk_sync;
 mod error;
 mod foxglove_messages;

@@ -7,11 +7,12 @@
 use radar_mapping::Event;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::fs::File;
-use std::io::BufReader;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use super::chunk::unpack;
-use super::damaged_places::{has_wrong_length, holds_chunk, is_chunk_index, read_up_to};
+use super::damaged_places::{MAX_HEADER_BYTES, has_wrong_length, holds_chunk, is_chunk_index};
+use super::disk::{Disk, Medium};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
     FRAME_CHANNEL, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING,
@@ -73,34 +74,58 @@ impl Recording {
     /// # Errors
     /// Not a file, not a recording, or an invalid header; each message states what to do.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
-        let path = path.as_ref().to_owned();
-        let io_error = |doing| {
-            let path = path.clone();
-            move |source| RecordingError::Io { doing, path, source }
-        };
-        let metadata = std::fs::metadata(&path).map_err(io_error("open"))?;
-        if !metadata.is_file() {
+        let (path, file) = Self::file(path.as_ref())?;
+        Self::read(path, Box::new(file), None)
+    }
+
+    /// Opens a file whose header and its copies are lost, with the header of another recording.
+    ///
+    /// # Errors
+    /// Not a file, or the system cannot read it.
+    pub fn open_with_header(path: impl AsRef<Path>, header: Header) -> Result<Self, RecordingError> {
+        let (path, file) = Self::file(path.as_ref())?;
+        Self::read(path, Box::new(file), Some(header))
+    }
+
+    fn file(path: &Path) -> Result<(PathBuf, File), RecordingError> {
+        let path = path.to_owned();
+        let io_error = |source| RecordingError::Io { doing: "open", path: path.clone(), source };
+        // A pipe would block until somebody writes to it.
+        if !std::fs::metadata(&path).map_err(io_error)?.is_file() {
             return Err(RecordingError::NotAFile(path));
         }
-        let mut input = BufReader::new(File::open(&path).map_err(io_error("open"))?);
-        let start = read_up_to(&mut input, 8).map_err(io_error("read"))?;
-        let per_byte = metadata.len().saturating_mul(MAX_UNPACKED_PER_BYTE);
+        let file = File::open(&path).map_err(io_error)?;
+        Ok((path, file))
+    }
+
+    fn read(path: PathBuf, medium: Box<dyn Medium>, of_another: Option<Header>) -> Result<Self, RecordingError> {
+        let io_error = |source| RecordingError::Io { doing: "read", path: path.clone(), source };
+        let disk = Disk::new(medium).map_err(io_error)?;
+        let per_byte = disk.file_bytes().saturating_mul(MAX_UNPACKED_PER_BYTE);
         let mut content = Content::new(per_byte.saturating_add(MAX_UNPACKED_BYTES));
-        let mut source = RecordSource::new(input, &start, &path).map_err(io_error("read"))?;
+        let (mut source, start) = RecordSource::new(disk).map_err(io_error)?;
         let opened = check_magic(&path, &start).and_then(|()| read_header(&path, &mut source, &mut content.damage));
         let (header, pending) = match opened {
             Ok((header, behind)) => {
                 let is_chunk = matches!(behind, FetchedRecord::Record(op::CHUNK, _));
                 let may_have_truth = header.truth.is_none() && !(is_chunk && content.damage.is_none());
-                let found = if may_have_truth { source.find_truth().map_err(io_error("read"))? } else { None };
+                let found = if may_have_truth { source.find_truth().map_err(io_error)? } else { None };
                 source.go_to_unchanged();
                 (Header { truth: header.truth.or(found), ..header }, behind)
             }
             Err(error) => {
-                let copied = source.find_header().map_err(io_error("read"))?.ok_or(error)?;
+                let copied = source.find_header().map_err(io_error)?;
+                let reason = match (&copied, &of_another) {
+                    (Some(_), _) => "the header is damaged, and its copy was used",
+                    (None, _) => "the header is lost, and another recording's was used",
+                };
+                let header = match copied.or(of_another) {
+                    Some(header) => header,
+                    None => return Err(without_header(&path, &mut source, &mut content, error)),
+                };
                 content.damage = Damage::default();
                 source.record_start = 8;
-                (copied, FetchedRecord::Broken("the header is damaged, and its copy was used".into()))
+                (header, FetchedRecord::Broken(reason.into()))
             }
         };
         let (data_ended, ended) = (false, false);
@@ -122,12 +147,22 @@ impl Recording {
         &self.content.damage
     }
 
-    /// Number of frames as the file's statistics state it; known after the last event.
+    /// Number of frames as the file's statistics state it; known after the last event. `None` where these are damaged as well.
     pub fn stated_frames(&self) -> Option<u64> {
-        Some(self.stated.as_ref()?.get(&FRAME_CHANNEL).copied().unwrap_or(0))
+        let is_sound = !self.content.damage.index_damaged && self.content.damage.ended_early.is_none();
+        let stated = self.stated.as_ref().filter(|_| is_sound)?;
+        Some(stated.get(&FRAME_CHANNEL).copied().unwrap_or(0))
     }
 
     fn read_next_record(&mut self) {
+        self.take_next_record();
+        self.content.damage.unreadable_bytes = self.source.disk().refused_bytes();
+        if let Some(reason) = self.source.disk().first_refusal() {
+            self.content.damage.first_reason.get_or_insert_with(|| reason.to_owned());
+        }
+    }
+
+    fn take_next_record(&mut self) {
         let fetched = self.pending.take().unwrap_or_else(|| self.source.fetch());
         let at = self.source.record_start;
         if self.data_ended {
@@ -341,6 +376,30 @@ fn check_magic(path: &Path, start: &[u8]) -> Result<(), RecordingError> {
     Err(RecordingError::NotMcap { path: path.to_owned(), hint })
 }
 
+/// The error of a file without header, by what else is in it.
+fn without_header(
+    path: &Path,
+    source: &mut RecordSource,
+    content: &mut Content,
+    error: RecordingError,
+) -> RecordingError {
+    use RecordingError::{HeaderField, HeaderLost, Io, NoHeader, NotMcap};
+    let path = path.to_owned();
+    if let Some(refusal) = source.disk().first_refusal().filter(|_| matches!(error, NotMcap { .. } | NoHeader { .. })) {
+        return Io { doing: "read", path, source: io::Error::other(refusal.to_owned()) };
+    }
+    let mut from = 0;
+    while matches!(error, NotMcap { .. } | NoHeader { .. } | HeaderField { .. })
+        && let Ok(Some((_, end))) = source.whole_chunk(from, None, content)
+    {
+        if !content.events.is_empty() {
+            return HeaderLost { path, reason: Box::new(error) };
+        }
+        from = end;
+    }
+    error
+}
+
 /// Reads the header; also returns the record after it.
 fn read_header(
     path: &Path,
@@ -355,7 +414,9 @@ fn read_header(
             header.is_none() || !matches!(&fetched, FetchedRecord::Record(_, record) if holds_chunk(record));
         match (&fetched, &mut header) {
             (FetchedRecord::Record(op::HEADER, _), _) if has_right_length => {}
-            (FetchedRecord::Record(op::METADATA, record), header) if has_right_length => {
+            (FetchedRecord::Record(op::METADATA, record), header)
+                if has_right_length && record.len() as u64 <= MAX_HEADER_BYTES =>
+            {
                 match (metadata(record), header) {
                     (Some((HEADER_RECORD, fields)), none @ None) => *none = Some(Header::from_fields(&fields)?),
                     (Some((TRUTH_RECORD, fields)), Some(header)) => match Header::truth_from_fields(&fields) {

@@ -8,6 +8,7 @@ use num_complex::Complex;
 use proptest::prelude::*;
 
 use super::*;
+use crate::RecordingWriter;
 use crate::test_files::{TestFile, assert_same, events, header, recorded};
 use a121::Frame;
 use radar_mapping::HandsSample;
@@ -360,7 +361,7 @@ fn what_looks_like_the_end_costs_nothing_behind_it() {
         let (found, recording) = read(&bytes).unwrap();
         assert_same(&found, &written);
         let damage = recording.damage();
-        assert!(damage.ended_early.is_none() && damage.bytes_skipped > 0, "{opcode}: {damage}");
+        assert!(damage.ended_early.is_none() && !damage.is_none(), "{opcode}: {damage}");
     }
     // Between two chunks, and before the end itself: an end of the data of the right and of a wrong length, with a footer behind it,
     // and with a record that takes the next chunk for its content.
@@ -542,4 +543,129 @@ fn random_bytes_behind_the_header_never_panic() {
         let (events, _) = read(&file).unwrap();
         prop_assert!(events.is_empty());
     });
+}
+
+fn recorded_with(events: &[Event], header: &Header) -> Vec<u8> {
+    let file = TestFile::new();
+    let mut writer = RecordingWriter::create(&file.0, header).unwrap();
+    for event in events {
+        writer.write(event).unwrap();
+    }
+    writer.finish().unwrap();
+    std::fs::read(&file.0).unwrap()
+}
+
+#[test]
+fn what_a_disk_loses_at_once_never_costs_the_header() {
+    let written = events(6);
+    let short = Header { truth: None, settings: String::new(), ..header() };
+    for header in [header(), short] {
+        let bytes = recorded_with(&written, &header);
+        for length in [2048, 4096, 16_384] {
+            let mut harmed = bytes.clone();
+            harmed[..length].fill(0);
+            let (found, recording) = read(&harmed).unwrap();
+            assert_eq!(recording.header(), &header, "{length} bytes");
+            let whole = chunks(&bytes).into_iter().filter(|chunk| chunk.0.start >= length);
+            let due: usize = whole.map(|chunk| chunk.1.len()).sum();
+            assert!(found.len() >= due && due > 0 && !recording.damage().is_none(), "{} of {due}", found.len());
+        }
+    }
+}
+
+#[test]
+fn a_recording_that_was_cut_off_has_a_header_behind_its_first_chunks() {
+    let written = events(120);
+    let bytes = recorded_with(&written, &header());
+    let mut harmed = bytes[..bytes.len() * 9 / 10].to_vec();
+    harmed[..1 << 16].fill(0);
+    let (found, recording) = read(&harmed).unwrap();
+    assert_eq!(recording.header(), &header());
+    assert!(found.len() > written.len() / 2, "{}", found.len());
+}
+
+#[test]
+fn a_recording_without_any_header_is_read_with_that_of_another() {
+    let written = events(4);
+    let mut bytes = recorded(&written);
+    let name = HEADER_RECORD.as_bytes();
+    for at in 0..bytes.len() - name.len() {
+        if bytes[at..].starts_with(name) && bytes[at + name.len()] != b'.' {
+            bytes[at] ^= 1;
+        }
+    }
+    let error = read(&bytes).unwrap_err();
+    assert!(
+        matches!(&error, RecordingError::HeaderLost { .. }) && error.to_string().contains("--header-of"),
+        "{error}"
+    );
+    let file = TestFile::with(&bytes);
+    let mut recording = Recording::open_with_header(&file.0, header()).unwrap();
+    assert_same(&recording.by_ref().collect::<Vec<_>>(), &written);
+    assert_eq!(recording.header(), &header());
+    assert!(recording.damage().to_string().contains("another recording's"), "{}", recording.damage());
+}
+
+#[test]
+fn unreadable_sectors_cost_the_chunks_that_they_are_in() {
+    use super::super::disk::tests::bad_sectors;
+    let bytes = recorded(&events(30));
+    let chunks = chunks(&bytes);
+    let sectors = bytes.len() as u64 / 4096;
+    let every_fifth: Vec<u64> = (2..sectors).step_by(5).collect();
+    let sets = [vec![0], vec![1], vec![sectors], vec![3, 5], vec![4, 5, 6], every_fifth, (8..sectors - 4).collect()];
+    for bad in sets {
+        for ends_before in [true, false] {
+            let medium = Box::new(bad_sectors(&bytes, bad.clone(), ends_before));
+            let mut recording = Recording::read("bad.mcap".into(), medium, None).unwrap();
+            let found: Vec<Event> = recording.by_ref().collect();
+            assert_eq!(recording.header(), &header(), "{bad:?}");
+            let is_hit = |range: &Range<usize>| {
+                let first = range.start as u64 / 4096;
+                bad.iter().any(|sector| (first..=(range.end as u64 - 1) / 4096).contains(sector))
+            };
+            // Where many sectors in a row are bad, as many behind them are passed over as well.
+            let may_be_lost = |range: &Range<usize>| is_hit(range) || bad.len() > sectors as usize / 2;
+            check_chunks(&chunks, &found, may_be_lost, &format!("{bad:?}: {}", recording.damage()));
+            assert!(recording.damage().unreadable_bytes > 0, "{bad:?}");
+        }
+    }
+}
+
+#[test]
+fn what_a_file_claims_of_itself_is_bounded() {
+    // Settings, a frame.
+    let long = Header { settings: "#".repeat(2 << 20), ..header() };
+    assert!(long.check_readable().unwrap_err().to_string().contains("settings"), "too long to be read");
+    let mut frame =
+        events(1).into_iter().find_map(|event| if let Event::Frame(frame) = event { Some(frame) } else { None });
+    frame.as_mut().unwrap().samples.resize(1 << 16, Complex::default());
+    let (found, recording) = read(&recorded(&[Event::Frame(frame.unwrap())])).unwrap();
+    assert!(found.is_empty() && recording.damage().to_string().contains("65536 points"), "{}", recording.damage());
+    // Times that leap to and fro.
+    let mut leaping = events(10);
+    for (n, event) in leaping.iter_mut().enumerate() {
+        match event {
+            Event::Frame(frame) => frame.host_time_ns = (n % 2) as i64 * 5_000_000_000,
+            Event::Pose(pose) => pose.time_ns = (n % 2) as i64 * 5_000_000_000,
+            Event::Hands(_) => {}
+        }
+    }
+    let (usual, leaping) = (recorded(&events(10)), recorded(&leaping));
+    assert!(leaping.len() < 2 * usual.len(), "{} and {} bytes", leaping.len(), usual.len());
+}
+
+#[test]
+fn numbers_of_a_damaged_index_are_not_believed() {
+    let written = events(4);
+    let bytes = recorded(&written);
+    let last = chunks(&bytes).last().unwrap().0.end;
+    let statistics = content_of(&bytes, op::STATISTICS, last);
+    let stated = |bytes: &[u8]| read(bytes).unwrap().1.stated_frames();
+    assert_eq!(stated(&bytes), Some(80));
+    for at in statistics + 46..statistics + 76 {
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 16;
+        assert_eq!(stated(&flipped), None, "byte {at}");
+    }
 }

@@ -1,11 +1,10 @@
 //! The file of a recording as a sequence of top-level records, of which some places may be damaged.
 
-use std::fs::File;
 use std::io::{self, BufReader, Seek, SeekFrom};
-use std::path::Path;
 
 use super::chunk::MAX_RECORD_BYTES;
 use super::damaged_places::{CHUNK_START_BYTES, ChunkSearch, find_metadata, read_at, read_up_to};
+use super::disk::Disk;
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::reader::Content;
 use super::record::{Fields, metadata, op};
@@ -21,7 +20,7 @@ pub(super) const CHECKSUM_BYTES: usize = 4;
 /// The file as a sequence of top-level records.
 #[derive(Debug)]
 pub(super) struct RecordSource {
-    input: BufReader<File>,
+    input: BufReader<Disk>,
     pub offset: u64,
     /// Offset of the last record, bytes.
     pub record_start: u64,
@@ -29,7 +28,6 @@ pub(super) struct RecordSource {
     pub sound_until: u64,
     /// Over all bytes so far, or since the end of the data; `None` once some were passed over.
     checksum: Option<crc32fast::Hasher>,
-    file_bytes: u64,
     search: ChunkSearch,
     /// Bytes that may still be read in search of whole chunks.
     reread_bytes: u64,
@@ -48,22 +46,31 @@ pub(super) enum FetchedRecord {
 }
 
 impl RecordSource {
-    /// Behind the first bytes of the file.
-    pub fn new(input: BufReader<File>, start: &[u8], path: &Path) -> io::Result<Self> {
+    /// Behind the first bytes of the file, and these bytes.
+    ///
+    /// # Errors
+    /// The system cannot read on.
+    pub fn new(disk: Disk) -> io::Result<(Self, Vec<u8>)> {
+        let reread_bytes = disk.file_bytes().saturating_mul(REREADS);
+        let mut input = BufReader::new(disk);
+        let start = read_up_to(&mut input, mcap::MAGIC.len() as u64)?;
         let mut checksum = crc32fast::Hasher::new();
-        checksum.update(start);
-        let file_bytes = std::fs::metadata(path)?.len();
-        Ok(Self {
+        checksum.update(&start);
+        let source = Self {
             input,
             offset: 8,
             record_start: 8,
             sound_until: 8,
             checksum: Some(checksum),
-            file_bytes,
             search: ChunkSearch::default(),
-            reread_bytes: file_bytes.saturating_mul(REREADS),
+            reread_bytes,
             barren_from: u64::MAX,
-        })
+        };
+        Ok((source, start))
+    }
+
+    pub fn disk(&self) -> &Disk {
+        self.input.get_ref()
     }
 
     /// Reads on where it was, after a search.
@@ -118,7 +125,7 @@ impl RecordSource {
         {
             for length in place.lengths.into_iter().flatten() {
                 let (begin, is_failed) = (place.start + 9, place.start == from && failed == Some(length));
-                if is_failed || length > self.reread_bytes || begin + length > self.file_bytes {
+                if is_failed || length > self.reread_bytes || begin + length > self.disk().file_bytes() {
                     continue;
                 }
                 self.reread_bytes -= length;
@@ -129,7 +136,7 @@ impl RecordSource {
                 }
                 content.go_back(before);
             }
-            if place.start != from {
+            if place.start != from && place.is_likely {
                 content.damage.chunk(format!("the chunk at byte {} cannot be read", place.start));
             }
             next = place.start + 1;

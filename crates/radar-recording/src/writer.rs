@@ -27,11 +27,16 @@ use a121::Frame;
 use radar_mapping::HandsSample;
 use radar_sar::PoseSample;
 
-/// Longest duration of a chunk, nanoseconds. Choice: what a crash or power failure costs at most.
+/// Longest duration of a chunk, nanoseconds, if it holds this many bytes. Choices: what a crash or power failure costs at most; times
+/// that leap to and fro do not swell the file, as a chunk takes some hundred bytes beside its content.
 const CHUNK_NS: i64 = 1_000_000_000;
+const MIN_CHUNK_BYTES: usize = 4096;
 /// A chunk ends when it holds this many bytes. Choice: chunks much smaller compress worse, and a
 /// reader that seeks unpacks a whole one.
 const CHUNK_BYTES: usize = 1 << 20;
+/// Behind this many bytes of chunks, before they are packed, the header is written once more. Choice: what a disk loses at once is
+/// shorter.
+const HEADER_COPY_BYTES: usize = 1 << 18;
 /// Library name in the file; constant, so that the bytes depend only on the input.
 const LIBRARY: &str = "radar-chaperone";
 
@@ -86,6 +91,8 @@ impl Storage for File {
 struct Output {
     mcap: mcap::Writer<BufWriter<Box<dyn Storage>>>,
     chunk: Option<OpenChunk>,
+    /// Content of the chunks before that, bytes.
+    bytes: usize,
 }
 
 /// Where a recording is while it is written.
@@ -118,6 +125,8 @@ pub struct RecordingWriter {
     mount: Channel,
     /// Raw hands, and one channel per hand for Foxglove; created with the first hands.
     hands: Option<(Channel, [Channel; 2])>,
+    /// Whether the header was written behind the first chunks.
+    is_header_copied: bool,
     summary: RecordingSummary,
 }
 
@@ -159,10 +168,10 @@ impl RecordingWriter {
         let mount = output.add_foxglove_channel::<FrameTransform>(MOUNT_CHANNEL, "/tracking/mount")?;
         // The topics get a chunk of their own, so that damage to later chunks does not affect them.
         output.flush()?;
-        // A copy, so that no damage to one place of the file costs the header.
+        // A copy, so that no damaged bit costs the header. Two more follow, farther away.
         output.write_header(header)?;
         let (path, summary) = (path.to_owned(), RecordingSummary::new(header.clone()));
-        Ok(Self { path, place, output, frames, raw_poses, head, mount, hands: None, summary })
+        Ok(Self { path, place, output, frames, raw_poses, head, mount, hands: None, is_header_copied: false, summary })
     }
 
     /// Writes a frame, of any length.
@@ -280,14 +289,18 @@ impl RecordingWriter {
     /// The system refuses the bytes.
     pub fn finish(self) -> Result<RecordingSummary, RecordingError> {
         let Self { path, place, output, summary, .. } = self;
-        let kept = output.end().and_then(|storage| Ok(place.keep(&*storage)?));
+        let kept = output.end(&summary.header).and_then(|storage| Ok(place.keep(&*storage)?));
         kept.map_err(|error| write_error(&path, error))?;
         Ok(summary)
     }
 
-    /// Starts a new chunk if necessary, and writes the mount before the first event.
+    /// Starts a new chunk if necessary, writes the header before it if a copy is due, and the mount before the first event.
     fn begin(&mut self, time_ns: i64) -> McapResult<()> {
         self.output.start_chunk_if_needed(time_ns)?;
+        if !self.is_header_copied && self.output.bytes >= HEADER_COPY_BYTES {
+            self.is_header_copied = true;
+            self.output.write_header(&self.summary.header)?;
+        }
         if self.mount.messages == 0 {
             let mount = mount_transform(time_ns, &self.summary.header.head_from_sensor);
             self.output.foxglove(&mut self.mount, time_ns, &mount)?;
@@ -306,7 +319,7 @@ impl Output {
             // Chunks are assembled in memory and written whole.
             .disable_seeking(true)
             .create(BufWriter::new(storage))?;
-        Ok(Self { mcap, chunk: None })
+        Ok(Self { mcap, chunk: None, bytes: 0 })
     }
 
     fn write_header(&mut self, header: &Header) -> McapResult<()> {
@@ -331,7 +344,8 @@ impl Output {
     fn start_chunk_if_needed(&mut self, time_ns: i64) -> McapResult<()> {
         if let Some(chunk) = &mut self.chunk {
             let (earliest_ns, latest_ns) = (chunk.earliest_ns.min(time_ns), chunk.latest_ns.max(time_ns));
-            if latest_ns.saturating_sub(earliest_ns) <= CHUNK_NS && chunk.bytes < CHUNK_BYTES {
+            let is_short = latest_ns.saturating_sub(earliest_ns) <= CHUNK_NS || chunk.bytes < MIN_CHUNK_BYTES;
+            if is_short && chunk.bytes < CHUNK_BYTES {
                 (chunk.earliest_ns, chunk.latest_ns) = (earliest_ns, latest_ns);
                 return Ok(());
             }
@@ -342,12 +356,14 @@ impl Output {
     }
 
     fn flush(&mut self) -> McapResult<()> {
-        self.chunk = None;
+        self.bytes += self.chunk.take().map_or(0, |chunk| chunk.bytes);
         self.mcap.flush()
     }
 
-    /// Writes the index; the storage, with all bytes passed to the system.
-    fn end(mut self) -> McapResult<Box<dyn Storage>> {
+    /// Writes a last copy of the header, and the index; the storage, with all bytes passed to the system.
+    fn end(mut self, header: &Header) -> McapResult<Box<dyn Storage>> {
+        self.mcap.flush()?;
+        self.write_header(header)?;
         self.mcap.finish()?;
         Ok(self.mcap.into_inner().into_inner().map_err(io::IntoInnerError::into_error)?)
     }
@@ -417,7 +433,7 @@ mod tests {
             assert!(chunk.message_end_time - chunk.message_start_time <= CHUNK_NS as u64);
             assert!(chunk.uncompressed_size < 2 * CHUNK_BYTES as u64);
         }
-        assert_eq!(index.metadata_indexes.len(), 4);
+        assert_eq!(index.metadata_indexes.len(), 6, "header and truth: first, behind the first chunk, last");
     }
 
     #[test]
