@@ -105,6 +105,20 @@ fn before_from_after(poses: &[(f64, Pose)], first_after: usize, step: &Residual)
     Pose::new(reference.translation - off_m - rotation * reference.translation, rotation)
 }
 
+/// By how much the velocity changes at pose `first_after`, metres a second, beside a step. `poses`: those after a jump as they are
+/// without it, with their times in seconds.
+pub(crate) fn velocity_step(poses: &[(f64, Pose)], first_after: usize) -> Option<DVec3> {
+    let (since_s, reference) = poses.get(first_after).copied()?;
+    let motion = Motion::over(poses);
+    let step = motion.residual_of(|at| at >= first_after);
+    let ramp = poses.iter().map(|(at_s, _)| (at_s - since_s).max(0.0)).collect();
+    let mut ramp = motion.residual(ramp);
+    let along = dot(&ramp.0, &step.0) / step.power();
+    ramp.0.iter_mut().zip(&step.0).for_each(|(value, step)| *value -= along * step);
+    let positions_m: Vec<DVec3> = poses.iter().map(|(_, pose)| pose.translation - reference.translation).collect();
+    Some(ramp.size(&positions_m)).filter(|change| change.is_finite())
+}
+
 /// Polynomials over the times of poses, orthonormal.
 struct Motion(Vec<Vec<f64>>);
 
@@ -245,6 +259,23 @@ mod tests {
         for few in 0..3 {
             assert_eq!(frame_step(&poses[..few], 1), FrameStep::Nothing);
         }
+    }
+
+    #[test]
+    fn a_change_of_velocity_is_measured_beside_a_step() {
+        let change = DVec3::new(0.4, -0.2, 0.1);
+        for n in 0..50 {
+            let start_s = f64::from(n) * 0.137;
+            let at = |n: i32| {
+                let since_s = f64::from(n - 24) * STEP_S;
+                let pose = head(start_s + since_s);
+                let added = if n < 24 { DVec3::ZERO } else { DVec3::new(0.3, 0.1, 0.0) + change * since_s };
+                (since_s, Pose { translation: pose.translation + added, ..pose })
+            };
+            let found = velocity_step(&(0..30).map(at).collect::<Vec<_>>(), 24).unwrap();
+            assert!(found.distance(change) < 0.08, "{found} at {start_s} s");
+        }
+        assert_eq!(velocity_step(&[], 0), None);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{BoundedSettings, SettingBound, bounds};
 
-use super::frame_step::{FrameStep, frame_step};
+use super::frame_step::{FrameStep, frame_step, velocity_step};
 use super::local_fit::value_and_rate_weights;
 use super::pose_jumps::JumpDetector;
 use super::{PoseRefusal, PoseSample};
@@ -109,6 +109,19 @@ const MIN_BEFORE: usize = 4;
 
 /// How many poses before the suspected one [`frame_step`] may find a jump, or a bad pose.
 const MAX_EARLIER: usize = 2;
+
+/// A tracker that loses its references goes on by acceleration alone: it strays by half the error of the acceleration times the
+/// square of the time, and returns with a jump that ends the error of its speed as well. Such a jump is no jump of the frame. It has at
+/// least this size, metres, and change of speed, metres a second, and ends an excursion of at most this length, seconds. Choices: less
+/// hurts no map; what the speed is uncertain by is a third of that; longer, what was mapped meanwhile is displaced as well. As many
+/// poses before it as in the second time, seconds, and at least so many, show the change of speed.
+const MIN_RETURN_M: f64 = 0.05;
+const MIN_RETURN_M_PER_S: f64 = 0.15;
+const MAX_EXCURSION_S: f64 = 1.5;
+const RETURN_WINDOW_NS: i64 = 200_000_000;
+const MIN_BEFORE_RETURN: usize = 10;
+/// Cosine of the angle between the jump and the change of speed, at least. Choice: 37°, a sixth of all directions by chance.
+const MIN_RETURN_COS: f64 = 0.8;
 
 /// A jump of the tracking frame that the path does not have.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -227,20 +240,58 @@ impl PoseHistory {
         });
         match frame_step(&run.collect::<Vec<_>>(), near - first) {
             FrameStep::Jump { first_after, before_from_after } => {
-                self.entries[first + first_after - 1].pose = None;
-                if !self.settings.follow_jumps {
-                    return;
-                }
-                let later = self.entries.range_mut(first + first_after..).filter_map(|entry| entry.pose.as_mut());
-                later.for_each(|pose| *pose = before_from_after * *pose);
-                self.map_from_tracking = before_from_after * self.map_from_tracking;
-                let first_after_ns = self.entries[first + first_after].time_ns;
-                self.last_jump = Some(FollowedJump { first_after_ns, before_from_after });
-                self.jumps_followed += 1;
+                self.follow(first + first_after, end, &before_from_after);
             }
             FrameStep::BadPose(bad) => self.entries[first + bad].pose = None,
             FrameStep::Nothing => {}
         }
+    }
+
+    /// Moves the poses from entry `first_after` on back by a jump, up to which `end` entries are joined. Where the tracker only
+    /// returned, its poses before are not used instead.
+    fn follow(&mut self, first_after: usize, end: usize, before_from_after: &Pose) {
+        let first_after_ns = self.entries[first_after].time_ns;
+        if let Some(excursion_s) = self.excursion_s(first_after, end, before_from_after) {
+            let since_ns = first_after_ns.saturating_sub((excursion_s * 1e9) as i64);
+            let strayed = self.entries.range_mut(..first_after).filter(|entry| entry.time_ns >= since_ns);
+            strayed.for_each(|entry| entry.pose = None);
+            return;
+        }
+        self.entries[first_after - 1].pose = None;
+        if !self.settings.follow_jumps {
+            return;
+        }
+        let later = self.entries.range_mut(first_after..).filter_map(|entry| entry.pose.as_mut());
+        later.for_each(|pose| *pose = *before_from_after * *pose);
+        self.map_from_tracking = *before_from_after * self.map_from_tracking;
+        self.last_jump = Some(FollowedJump { first_after_ns, before_from_after: *before_from_after });
+        self.jumps_followed += 1;
+    }
+
+    /// For how long the tracker had strayed, if the jump before entry `first_after` is its return.
+    fn excursion_s(&self, first_after: usize, end: usize, before_from_after: &Pose) -> Option<f64> {
+        let after = self.entries[first_after].pose?;
+        let jump_m = after.translation - before_from_after.transform_point(after.translation);
+        let size_m = jump_m.length();
+        let first_after_ns = self.entries[first_after].time_ns;
+        let since_ns = first_after_ns.saturating_sub(RETURN_WINDOW_NS);
+        let is_used = |n: &usize| self.entries[*n].pose.is_some() && self.entries[*n].time_ns >= since_ns;
+        let before = (0..first_after).rev().take_while(is_used).count();
+        if size_m < MIN_RETURN_M || before < MIN_BEFORE_RETURN {
+            return None;
+        }
+        let run = self.entries.range(first_after - before..end).enumerate().filter_map(|(n, entry)| {
+            let pose = entry.pose?;
+            let since_s = entry.time_ns.saturating_sub(first_after_ns) as f64 * 1e-9;
+            Some((since_s, if n < before { pose } else { *before_from_after * pose }))
+        });
+        let change_m_per_s = velocity_step(&run.collect::<Vec<_>>(), before)?;
+        let along_m_per_s = change_m_per_s.dot(jump_m) / size_m;
+        let excursion_s = 2.0 * size_m / along_m_per_s;
+        let is_return = along_m_per_s >= MIN_RETURN_M_PER_S
+            && along_m_per_s >= MIN_RETURN_COS * change_m_per_s.length()
+            && excursion_s <= MAX_EXCURSION_S;
+        is_return.then_some(excursion_s)
     }
 
     /// Whether a jump of the tracking frame is being measured.
@@ -415,6 +466,9 @@ impl PoseHistory {
 mod tests {
     use super::super::TrackingResult;
     use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
 
     const MS: i64 = 1_000_000;
 
@@ -531,6 +585,64 @@ mod tests {
         assert_eq!(history.push(&lost), Err(PoseRefusal::Invalid));
         assert_eq!((history.jumps_followed(), history.is_measuring_jump()), (1, false));
         assert!((history.last_pose().unwrap().1.translation.x).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_tracker_that_strayed_and_returned_moves_nothing() {
+        // Error of the acceleration, metres a second squared, and how long it lasts: up to 0.6 m.
+        for (acceleration, strays_s) in [(1.0, 0.5), (2.0, 0.5), (5.0, 0.3), (5.0, 0.5), (0.5, 1.2)] {
+            for first in [100, 117, 141] {
+                let returned = first + (strays_s * 120.0) as i64;
+                let mut history = PoseHistory::default();
+                let mut last_ns = 0;
+                for n in 0..returned + 60 {
+                    let mut pose = head_at(n);
+                    let strayed_s = (n - first) as f64 / 120.0;
+                    if (first..returned).contains(&n) {
+                        pose.translation +=
+                            DVec3::new(0.8, -0.1, 0.6).normalize() * (0.5 * acceleration * strayed_s * strayed_s);
+                    }
+                    last_ns = n * 25 * MS / 3;
+                    history.push(&PoseSample::valid(last_ns, &pose)).unwrap();
+                }
+                let case = format!("{acceleration} m/s² for {strays_s} s from pose {first}");
+                assert_eq!(history.jumps_followed(), 0, "{case}");
+                let now = history.at(last_ns).unwrap().tracking_from_head.translation;
+                assert!(now.distance(head_at(returned + 59).translation) < 1e-3, "{case}");
+                let strayed_ns = (returned - 2) * 25 * MS / 3;
+                assert!(history.at(strayed_ns).is_err(), "{case}: its last poses are used");
+            }
+        }
+    }
+
+    #[test]
+    fn jumps_of_the_frame_are_hardly_ever_taken_for_returns() {
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut vector = || DVec3::new(normal(), normal(), normal());
+        for size_m in [0.06, 0.1, 0.3] {
+            let mut followed = 0;
+            for n in 0..200 {
+                let jump = Pose::from_translation(vector().normalize() * size_m);
+                let mut history = PoseHistory::default();
+                for i in 0..80 {
+                    let frame = if i < 50 { Pose::IDENTITY } else { jump };
+                    let pose = frame * head_at(i + 13 * n);
+                    let noisy = Pose { translation: pose.translation + vector() * 0.3e-3, ..pose };
+                    history.push(&PoseSample::valid(i * 25 * MS / 3, &noisy)).unwrap();
+                }
+                followed += history.jumps_followed();
+            }
+            assert!(followed >= 196, "{followed} of 200 at {size_m} m");
+        }
+    }
+
+    /// Where a brisk head is at pose `n` of 120 a second.
+    fn head_at(n: i64) -> Pose {
+        let t = n as f64 / 120.0;
+        let position_m = DVec3::new((6.0 * t).sin(), 0.3 * (9.0 * t).cos(), (4.0 * t).sin()) * 0.12 + DVec3::Y * 1.6;
+        let turn_rad = DVec3::new(0.2 * (5.0 * t).sin(), (2.0 * t).sin(), 0.1 * (8.0 * t).sin());
+        Pose::new(position_m, DQuat::from_scaled_axis(turn_rad))
     }
 
     fn history(smoothing_window_s: f64) -> PoseHistory {
