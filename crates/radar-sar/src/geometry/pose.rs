@@ -3,12 +3,18 @@
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
+/// Farthest position in each axis, metres. Choice: beyond any tracking volume, and a double still resolves picometres there.
+const MAX_POSITION_M: f64 = 1e4;
+
 /// Why numbers do not form a pose.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PoseError {
     /// A component of the position is not finite.
     #[error("position {0:?} m is not finite")]
     PositionNotFinite([f64; 3]),
+    /// A position beyond 10 km in an axis.
+    #[error("position {0:?} m is farther than 10 km")]
+    PositionTooFar([f64; 3]),
     /// A component of the rotation is not finite.
     #[error("quaternion (x y z w) {0:?} is not finite")]
     RotationNotFinite([f64; 4]),
@@ -39,11 +45,14 @@ impl Pose {
     /// From external data; the quaternion (x, y, z, w) is normalised.
     ///
     /// # Errors
-    /// A component that is not finite, or a quaternion whose components are all below 1e-6.
+    /// A component that is not finite, a position beyond 10 km, or a quaternion whose components are all below 1e-6.
     #[inline]
     pub fn try_new(position_m: [f64; 3], quaternion_xyzw: [f64; 4]) -> Result<Self, PoseError> {
         if !position_m.iter().all(|v| v.is_finite()) {
             return Err(PoseError::PositionNotFinite(position_m));
+        }
+        if position_m.iter().any(|v| v.abs() > MAX_POSITION_M) {
+            return Err(PoseError::PositionTooFar(position_m));
         }
         if !quaternion_xyzw.iter().all(|v| v.is_finite()) {
             return Err(PoseError::RotationNotFinite(quaternion_xyzw));
@@ -137,6 +146,7 @@ mod tests {
             Pose::try_new([f64::NAN, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]),
             Err(PoseError::PositionNotFinite(_))
         ));
+        assert!(matches!(Pose::try_new([0.0, 1e16, 0.0], [0.0, 0.0, 0.0, 1.0]), Err(PoseError::PositionTooFar(_))));
         assert!(matches!(
             Pose::try_new([0.0; 3], [0.0, f64::INFINITY, 0.0, 1.0]),
             Err(PoseError::RotationNotFinite(_))
