@@ -111,6 +111,8 @@ pub struct Observer {
     history: PoseHistory,
     waiting: VecDeque<Frame>,
     ready: Vec<Observation>,
+    /// Time of the newest observation.
+    observed_until_ns: Option<i64>,
     frame_timestamps: TimestampFilter,
     pose_timestamps: TimestampFilter,
     next_path_ns: Option<i64>,
@@ -132,6 +134,7 @@ impl Observer {
             settings,
             waiting: VecDeque::new(),
             ready: Vec::new(),
+            observed_until_ns: None,
             frame_timestamps: TimestampFilter::default(),
             pose_timestamps: TimestampFilter::default(),
             next_path_ns: None,
@@ -236,15 +239,17 @@ impl Observer {
                 self.counters.poses_time_not_rising += 1;
                 return Err(Refusal::PoseTimeNotRising(sample.time_ns));
             }
-            TimestampVerdict::Jump => {
+            TimestampVerdict::Leap => {
                 self.counters.poses_time_leapt += 1;
                 return Err(Refusal::PoseTimeLeapt(sample.time_ns));
             }
-            TimestampVerdict::Restart => {
+            // What was observed later has been mapped, so the times of poses do not go back behind it.
+            TimestampVerdict::Restart if self.observed_until_ns.is_none_or(|until_ns| until_ns < sample.time_ns) => {
                 self.counters.poses_time_leapt += 1;
                 self.history.keep_newest(0);
                 self.next_path_ns = None;
             }
+            TimestampVerdict::Restart => {}
         }
         let pushed = self.history.push(sample);
         self.history.keep_newest(MAX_POSES);
@@ -275,7 +280,7 @@ impl Observer {
                 self.counters.frames_time_not_rising += 1;
                 return Err(Refusal::FrameTimeNotRising(frame.host_time_ns));
             }
-            TimestampVerdict::Jump => {
+            TimestampVerdict::Leap => {
                 self.counters.frames_time_leapt += 1;
                 return Err(Refusal::FrameTimeLeapt(frame.host_time_ns));
             }
@@ -356,7 +361,10 @@ impl Observer {
             for sweep in sweeps {
                 let Some(geometry) = &self.geometries[sweep.subsweep] else { continue };
                 match observe_sweep(&sweep, geometry, &self.history, offset_ns, &self.settings.head_from_sensor) {
-                    Ok(observation) => self.ready.push(observation),
+                    Ok(observation) => {
+                        self.observed_until_ns = Some(observation.mid_time_ns);
+                        self.ready.push(observation);
+                    }
                     Err(NoPose::Outside) => self.counters.sweeps_outside_poses += 1,
                     Err(NoPose::Gap(_)) => self.counters.sweeps_in_pose_gap += 1,
                     Err(NoPose::Invalid) => self.counters.sweeps_at_invalid_pose += 1,

@@ -1,14 +1,20 @@
-//! Filter of time stamps: one that jumps far ahead is accepted only when the next one follows it.
+//! Filter of time stamps: one that leaps is accepted only when others follow it.
 //!
-//! The times of a stream must rise, so a single wrong time stamp far in the future would block
-//! everything after it. A jump therefore waits for a second time stamp to confirm it; the sample
-//! itself is dropped, and nothing else. The first time stamp of a stream has nothing to be compared
-//! with. When the next two follow each other far before it, the first was wrong and is revoked.
+//! The times of a stream must rise, so a wrong time stamp far in the future would block everything after it. Stamps far from the
+//! last one therefore wait until enough follow each other there; these are dropped, and nothing else. Far ahead, that is a pause of
+//! the stream; far behind, those accepted before were wrong, or the clock was set back, and they are revoked.
 
-/// A time stamp farther ahead than this is a jump, nanoseconds. Choice: longer than a stream pauses
+/// A time stamp farther ahead than this is a leap, nanoseconds. Choice: longer than a stream pauses
 /// without a reason, and short enough that a smaller error passes by itself.
 const MAX_STEP_NS: i64 = 1_000_000_000;
-/// Streams slower than that are recognised by two equal steps, up to this one, nanoseconds. Choice:
+/// A time stamp less far ahead follows too soon, nanoseconds. Choice: no tracker and no sensor is faster, and what a tenth of a second
+/// of them costs stays bounded.
+const MIN_STEP_NS: i64 = 100_000;
+/// So many stamps in a row, or so long a time that they rise by, nanoseconds, confirm a leap. Choice: what is wrong comes alone or
+/// in a buffer's worth; a tenth of a second of poses, and of slower streams what they give in the longer time.
+const CONFIRMING: u32 = 8;
+const CONFIRMING_NS: i64 = 300_000_000;
+/// Streams slower than [`MAX_STEP_NS`] are recognised by two equal steps, up to this one, nanoseconds. Choice:
 /// a frame rate of 0.1 Hz, below any use.
 const SLOWEST_STEP_NS: i64 = 10_000_000_000;
 
@@ -17,29 +23,37 @@ const SLOWEST_STEP_NS: i64 = 10_000_000_000;
 pub(super) enum TimestampVerdict {
     /// It follows the one before.
     Next,
-    /// It follows another far before the first one, which was wrong: restart with this one.
+    /// It follows others far before the last one, which was wrong: restart with this one.
     Restart,
-    /// Not later than the one before: not used.
+    /// Not later than the one before, or hardly: not used.
     NotRising,
     /// Far ahead, with nothing to confirm it: not used.
-    Jump,
+    Leap,
+}
+
+/// Time stamps far from the last one that follow each other.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    first_ns: i64,
+    last_ns: i64,
+    count: u32,
 }
 
 /// Classifies the time stamps of one stream.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TimestampFilter {
     last_ns: Option<i64>,
-    /// A time stamp far away that is not confirmed yet.
-    pending_ns: Option<i64>,
-    /// The last one was confirmed: it followed another, or another followed it.
+    /// Whether another followed the one before the last.
     is_confirmed: bool,
-    /// Widest step that is not a jump.
+    /// Those that are not confirmed yet.
+    pending: Option<Run>,
+    /// Widest step that is not a leap.
     max_step_ns: i64,
 }
 
 impl Default for TimestampFilter {
     fn default() -> Self {
-        Self { last_ns: None, pending_ns: None, is_confirmed: false, max_step_ns: MAX_STEP_NS }
+        Self { last_ns: None, is_confirmed: false, pending: None, max_step_ns: MAX_STEP_NS }
     }
 }
 
@@ -50,37 +64,54 @@ impl TimestampFilter {
             self.last_ns = Some(time_ns);
             return TimestampVerdict::Next;
         };
-        if time_ns > last_ns && time_ns.saturating_sub(last_ns) <= self.max_step_ns {
+        let is_ahead = time_ns.saturating_sub(last_ns) >= MIN_STEP_NS;
+        if is_ahead && time_ns.saturating_sub(last_ns) <= self.max_step_ns {
             self.accept(time_ns);
             return TimestampVerdict::Next;
         }
-        if let Some(pending_ns) = self.pending_ns.filter(|&pending_ns| time_ns > pending_ns) {
-            let (step_ns, leap_ns) = (time_ns.saturating_sub(pending_ns), pending_ns.saturating_sub(last_ns));
-            if step_ns <= self.max_step_ns.max(leap_ns.min(SLOWEST_STEP_NS)) {
-                self.accept(time_ns);
-                // A slow stream: its steps are no jumps.
-                self.max_step_ns = self.max_step_ns.max(step_ns.saturating_mul(2)).min(2 * SLOWEST_STEP_NS);
-                return if pending_ns > last_ns { TimestampVerdict::Next } else { TimestampVerdict::Restart };
-            }
+        if last_ns.saturating_sub(time_ns) <= self.max_step_ns && !is_ahead {
+            return TimestampVerdict::NotRising;
         }
-        if time_ns > last_ns {
-            self.pending_ns = Some(time_ns);
-            return TimestampVerdict::Jump;
+        if self.confirms(time_ns, last_ns) {
+            self.accept(time_ns);
+            return if is_ahead { TimestampVerdict::Next } else { TimestampVerdict::Restart };
         }
-        if !self.is_confirmed && last_ns.saturating_sub(time_ns) > self.max_step_ns {
-            self.pending_ns = Some(time_ns);
-        }
-        TimestampVerdict::NotRising
+        if is_ahead { TimestampVerdict::Leap } else { TimestampVerdict::NotRising }
     }
 
     fn accept(&mut self, time_ns: i64) {
-        (self.last_ns, self.pending_ns, self.is_confirmed) = (Some(time_ns), None, true);
+        (self.last_ns, self.is_confirmed, self.pending) = (Some(time_ns), true, None);
+    }
+
+    /// Adds a stamp to those that wait; whether it confirms them.
+    fn confirms(&mut self, time_ns: i64, last_ns: i64) -> bool {
+        let follows = |run: &Run| time_ns > run.last_ns;
+        let Some(run) = self.pending.filter(follows) else {
+            self.pending = Some(Run { first_ns: time_ns, last_ns: time_ns, count: 1 });
+            return false;
+        };
+        let (step_ns, leap_ns) = (time_ns.saturating_sub(run.last_ns), run.first_ns.saturating_sub(last_ns));
+        if step_ns <= self.max_step_ns {
+            let run = Run { last_ns: time_ns, count: run.count + 1, ..run };
+            self.pending = Some(run);
+            let is_long = run.count > CONFIRMING || time_ns.saturating_sub(run.first_ns) >= CONFIRMING_NS;
+            // Two that follow each other outweigh the first of the stream, which none follows.
+            return is_long || !self.is_confirmed;
+        }
+        // A slow stream: its steps are no leaps.
+        let is_slow = run.count == 1 && step_ns <= leap_ns.min(SLOWEST_STEP_NS);
+        if is_slow {
+            self.max_step_ns = step_ns.saturating_mul(2).min(2 * SLOWEST_STEP_NS);
+        } else {
+            self.pending = Some(Run { first_ns: time_ns, last_ns: time_ns, count: 1 });
+        }
+        is_slow
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::TimestampVerdict::{Jump, Next, NotRising, Restart};
+    use super::TimestampVerdict::{Leap, Next, NotRising, Restart};
     use super::*;
 
     fn classified(times_ms: &[i64]) -> Vec<TimestampVerdict> {
@@ -88,32 +119,55 @@ mod tests {
         times_ms.iter().map(|ms| stamps.classify(ms.saturating_mul(1_000_000))).collect()
     }
 
-    #[test]
-    fn single_wrong_timestamp_drops_only_itself() {
-        assert_eq!(classified(&[0, 10, 900_000, 20, 30]), [Next, Next, Jump, Next, Next]);
-        assert_eq!(classified(&[0, 10, i64::MAX, 20, i64::MAX, 30]), [Next, Next, Jump, Next, Jump, Next]);
-        assert_eq!(classified(&[0, 10, i64::MIN, 20, 15, 20]), [Next, Next, NotRising, Next, NotRising, NotRising]);
+    /// Verdicts on stamps that are 10 ms apart from a time on.
+    fn run_from(first_ms: i64, count: usize) -> Vec<i64> {
+        (0..count as i64).map(|n| first_ms.saturating_add(10 * n)).collect()
     }
 
     #[test]
-    fn wrong_first_timestamp_is_revoked() {
+    fn wrong_timestamps_drop_only_themselves() {
+        assert_eq!(classified(&[0, 10, 900_000, 20, 30]), [Next, Next, Leap, Next, Next]);
+        assert_eq!(classified(&[0, 10, i64::MAX, 20, i64::MAX, 30]), [Next, Next, Leap, Next, Leap, Next]);
+        assert_eq!(classified(&[0, 10, i64::MIN, 20, 15, 20]), [Next, Next, NotRising, Next, NotRising, NotRising]);
+        for wrong_ms in [3_600_000, -3_600_000, 5000, -5000] {
+            let stamps = [run_from(0, 5), run_from(wrong_ms, CONFIRMING as usize), run_from(50, 5)].concat();
+            let used = classified(&stamps).into_iter().filter(|verdict| *verdict == Next).count();
+            assert_eq!(used, 10, "{wrong_ms}");
+        }
+    }
+
+    #[test]
+    fn wrong_first_timestamps_are_revoked() {
         assert_eq!(classified(&[i64::MAX, 0, 10, 20]), [Next, NotRising, Restart, Next]);
-        assert_eq!(classified(&[i64::MIN, 0, 10, 20]), [Next, Jump, Next, Next]);
+        assert_eq!(classified(&[i64::MIN, 0, 10, 20]), [Next, Leap, Next, Next]);
+        for wrong in [&[3_600_000, 3_600_010][..], &[3_600_000, 3_600_010, 3_600_020]] {
+            let verdicts = classified(&[wrong, &run_from(0, 12)].concat());
+            let refused = vec![NotRising; CONFIRMING as usize];
+            assert_eq!(verdicts[wrong.len()..], [&refused[..], &[Restart, Next, Next, Next]].concat());
+        }
         // A single wrong one far before it does not revoke it.
         assert_eq!(classified(&[0, i64::MIN, 10, 20]), [Next, NotRising, Next, Next]);
-        // Once another has followed, it stands.
-        assert_eq!(classified(&[5000, 5010, 0, 10, 5020]), [Next, Next, NotRising, NotRising, Next]);
     }
 
     #[test]
-    fn real_pause_drops_one_sample() {
-        assert_eq!(classified(&[0, 10, 60_000, 60_010, 60_020]), [Next, Next, Jump, Next, Next]);
+    fn real_pause_drops_what_confirms_it() {
+        let verdicts = classified(&[run_from(0, 2), run_from(60_000, 10)].concat());
+        assert_eq!(verdicts, [&[Next; 2][..], &[Leap; CONFIRMING as usize], &[Next; 2]].concat());
+        // Of a slower stream, fewer.
+        assert_eq!(classified(&[0, 400, 60_000, 60_400, 60_800]), [Next, Next, Leap, Next, Next]);
         // Two wrong ones that do not follow each other confirm nothing.
-        assert_eq!(classified(&[0, 10, 60_000, 90_000, 20]), [Next, Next, Jump, Jump, Next]);
+        assert_eq!(classified(&[0, 10, 60_000, 90_000, 20]), [Next, Next, Leap, Leap, Next]);
+    }
+
+    #[test]
+    fn what_follows_too_soon_is_not_used() {
+        let mut stamps = TimestampFilter::default();
+        let used = (0..100_000).filter(|us| stamps.classify(us * 1000) == Next).count();
+        assert_eq!(used, 1000);
     }
 
     #[test]
     fn slow_stream_is_accepted() {
-        assert_eq!(classified(&[0, 4000, 8000, 12_000, 16_000]), [Next, Jump, Next, Next, Next]);
+        assert_eq!(classified(&[0, 4000, 8000, 12_000, 16_000]), [Next, Leap, Next, Next, Next]);
     }
 }
