@@ -28,7 +28,7 @@ pub fn write(target: &str) {
         "settings" => settings(),
         "vendor_h5" => vec![vendor_h5(3), vendor_h5(0)],
         "events" => events(),
-        "map" => vec![map()],
+        "map" => maps(),
         "recover" => edits(),
         _ => panic!("no target {target}"),
     };
@@ -123,8 +123,8 @@ fn events() -> Vec<Vec<u8>> {
     [faults, times].map(|wrong| [&[0, 100][..], &wrong, &[0, 100]].concat()).into()
 }
 
-/// A map of an obstacle and a wall.
-fn map() -> Vec<u8> {
+/// A map of an obstacle and a wall, in both formats. Format 1 has the same content without a checksum, which no edit would keep.
+fn maps() -> Vec<Vec<u8>> {
     let path = temp_path("-seed");
     let point = SavedPoint {
         id: 3,
@@ -148,7 +148,10 @@ fn map() -> Vec<u8> {
     MapFile::new(7, 1.0, Pose::IDENTITY, map).write(&path).expect("a map");
     let bytes = std::fs::read(&path).expect("a map");
     std::fs::remove_file(&path).expect("a map");
-    bytes
+    let text = String::from_utf8(bytes).expect("JSON");
+    let (_, content) = text.split_once(',').expect("a checksum");
+    let first_format = format!("{{{content}").replace("\"format_version\":2", "\"format_version\":1");
+    [first_format, text].map(String::into_bytes).into()
 }
 
 /// Each kind of edit.

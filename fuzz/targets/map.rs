@@ -1,5 +1,7 @@
 //! Saved maps of rooms, with any bytes as a file.
 //!
+//! A map of format 1 has no checksum and the content of the newest: it is how the fuzzer gets behind the checksum.
+//!
 //! Checks: no panic; memory grows in proportion to the file; an accepted map is written and read as the same; a mapper that starts
 //! from it gives finite numbers.
 #![no_main]

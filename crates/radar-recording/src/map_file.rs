@@ -2,8 +2,11 @@
 //! next.
 //!
 //! A file is written atomically, and at most [`MAX_ROOMS`] are kept. Nothing in a file is trusted:
-//! one that is too long, of another format or universe, or with invalid numbers is an error. The
-//! only consequence is that the map is lost.
+//! one that is too long, changed, of another format or universe, or with invalid numbers is an
+//! error. The only consequence is that the map is lost.
+//!
+//! A file begins with `{"crc32":"01234567",`: the CRC-32 of all bytes behind that comma. Files of
+//! format 1 have no checksum.
 
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -15,8 +18,11 @@ use super::whole_file::{Readers, write_whole};
 use radar_mapping::{SavedMap, SavedMapError};
 use radar_sar::geometry::Pose;
 
-/// The only supported format version.
-const FORMAT_VERSION: u32 = 1;
+/// Version of the format that is written; all versions up to it are read. Since 2 a file has a checksum.
+const FORMAT_VERSION: u32 = 2;
+/// What stands before the eight hexadecimal digits of the checksum, and what behind them.
+const CHECKSUM_START: &[u8] = b"{\"crc32\":\"";
+const CHECKSUM_END: &[u8] = b"\",";
 /// Limit of a file's size, bytes. Choice: a full map (2000 points with 48 cells each, 200 walls)
 /// stays below; it bounds what a damaged file costs.
 const MAX_BYTES: u64 = 8 << 20;
@@ -37,6 +43,9 @@ pub enum MapFileError {
         /// The system's error.
         source: io::Error,
     },
+    /// A directory, device or pipe instead of a file.
+    #[error("{} is a folder, a device or a pipe: give the map's file", .0.display())]
+    NotAFile(PathBuf),
     /// The file is too long for a map.
     #[error("{} is longer than a map: {MAX_BYTES} bytes at most", .0.display())]
     TooLong(PathBuf),
@@ -48,8 +57,21 @@ pub enum MapFileError {
         /// The parser's error.
         source: serde_json::Error,
     },
+    /// The file was changed after it was written.
+    #[error(
+        "{} is damaged: its checksum is {stated}, that of its content {found}; use another copy, or begin without a map",
+        path.display()
+    )]
+    Checksum {
+        /// The file.
+        path: PathBuf,
+        /// The checksum that it states.
+        stated: String,
+        /// The checksum of its content.
+        found: String,
+    },
     /// An unsupported format version.
-    #[error("{} is a map of format {found}; only {FORMAT_VERSION} is supported", path.display())]
+    #[error("{} is a map of format {found}; this program reads 1 to {FORMAT_VERSION}", path.display())]
     Format {
         /// The file.
         path: PathBuf,
@@ -110,17 +132,17 @@ impl MapFile {
     /// The file does not exist, is too long, damaged or of another format, or has invalid numbers.
     pub fn read(path: &Path) -> Result<Self, MapFileError> {
         let (read, own) = (io_error("read", path), || path.to_owned());
+        // Opening a pipe would block until another program writes to it.
+        if !fs::metadata(path).map_err(&read)?.is_file() {
+            return Err(MapFileError::NotAFile(own()));
+        }
         let mut text = Vec::new();
         File::open(path).and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut text)).map_err(read)?;
         if text.len() as u64 > MAX_BYTES {
             return Err(MapFileError::TooLong(own()));
         }
-        let no_map = |source| MapFileError::Json { path: own(), source };
-        let Format { format_version: found } = serde_json::from_slice(&text).map_err(no_map)?;
-        if found != FORMAT_VERSION {
-            return Err(MapFileError::Format { path: own(), found });
-        }
-        let mut file: Self = serde_json::from_slice(&text).map_err(no_map)?;
+        let mut file = Self::parse(path, &mut text)?;
+        file.format_version = FORMAT_VERSION;
         file.map.check().map_err(|source| MapFileError::Numbers { path: own(), source })?;
         let Pose { translation, rotation } = file.standing_from_raw;
         let standing = Pose::try_new(translation.to_array(), rotation.to_array());
@@ -129,15 +151,61 @@ impl MapFile {
         Ok(file)
     }
 
+    /// Checks checksum and version and parses the fields; their values are not checked.
+    fn parse(path: &Path, text: &mut [u8]) -> Result<Self, MapFileError> {
+        let (stated, content) = split_checksum(text);
+        let found = checksum(content);
+        let damaged = |stated: &str| MapFileError::Checksum {
+            path: path.to_owned(),
+            stated: stated.to_owned(),
+            found: found.clone(),
+        };
+        if let Some(stated) = stated.as_ref().filter(|stated| **stated != found) {
+            return Err(damaged(stated));
+        }
+        let no_map = |source| MapFileError::Json { path: path.to_owned(), source };
+        match serde_json::from_slice(content).map_err(no_map)? {
+            Format { format_version: 1 } => {}
+            Format { format_version: FORMAT_VERSION } if stated.is_some() => {}
+            Format { format_version: FORMAT_VERSION } => return Err(damaged("missing")),
+            Format { format_version: found } => return Err(MapFileError::Format { path: path.to_owned(), found }),
+        }
+        serde_json::from_slice(content).map_err(no_map)
+    }
+
     /// Writes the file atomically and creates its directory.
     ///
     /// # Errors
     /// The system refuses.
     pub fn write(&self, path: &Path) -> Result<(), MapFileError> {
         let error = io_error("write", path);
-        let text = serde_json::to_vec(self).map_err(|source| error(source.into()))?;
-        write_whole(path, &text, Readers::Owner).map_err(error)
+        let content = serde_json::to_vec(self).map_err(|source| error(source.into()))?;
+        write_whole(path, &with_checksum(&content), Readers::Owner).map_err(error)
     }
+}
+
+/// CRC-32 of a JSON object without its opening brace.
+fn checksum(content: &[u8]) -> String {
+    format!("{:08x}", crc32fast::hash(content.get(1..).unwrap_or_default()))
+}
+
+/// The file of a JSON object: the checksum becomes its first field.
+fn with_checksum(content: &[u8]) -> Vec<u8> {
+    let behind = content.get(1..).unwrap_or_default();
+    [CHECKSUM_START, checksum(content).as_bytes(), CHECKSUM_END, behind].concat()
+}
+
+/// The checksum that a file states, if it does, and the JSON object without that field.
+fn split_checksum(text: &mut [u8]) -> (Option<String>, &[u8]) {
+    let digits = CHECKSUM_START.len()..CHECKSUM_START.len() + 8;
+    let comma = digits.end + CHECKSUM_END.len() - 1;
+    if !text.starts_with(CHECKSUM_START) || text.get(digits.end..=comma) != Some(CHECKSUM_END) {
+        return (None, text);
+    }
+    let stated = String::from_utf8_lossy(&text[digits]).into_owned();
+    // What follows the comma is an object once it has a brace.
+    text[comma] = b'{';
+    (Some(stated), &text[comma..])
 }
 
 /// Directory with the maps of all rooms.
@@ -287,6 +355,59 @@ mod tests {
         MapFile::new(universe, 1.7e9, standing_from_raw, SavedMap { places: vec![point], walls: vec![wall] })
     }
 
+    /// The same map as earlier versions wrote it.
+    fn of_format_1(text: &str) -> String {
+        let content = text.split_once(',').unwrap().1;
+        format!("{{{content}").replace("\"format_version\":2", "\"format_version\":1")
+    }
+
+    #[test]
+    fn map_of_format_1_is_read_and_written_as_format_2() {
+        let folder = Folder::new("format");
+        let maps = folder.maps();
+        maps.save(&map(7)).unwrap();
+        let saved = maps.load(7).unwrap().unwrap();
+        let text = fs::read_to_string(maps.file(7)).unwrap();
+        fs::write(maps.file(7), of_format_1(&text)).unwrap();
+        let loaded = maps.load(7).unwrap().unwrap();
+        assert_eq!(loaded, saved);
+        maps.save(&loaded).unwrap();
+        assert!(fs::read(maps.file(7)).unwrap().starts_with(CHECKSUM_START));
+        assert_eq!(maps.load(7).unwrap().unwrap(), saved);
+    }
+
+    #[test]
+    fn no_changed_bit_is_believed() {
+        let folder = Folder::new("bits");
+        let maps = folder.maps();
+        maps.save(&map(7)).unwrap();
+        let mut text = fs::read(maps.file(7)).unwrap();
+        for bit in 0..8 * text.len() {
+            text[bit / 8] ^= 1 << (bit % 8);
+            assert!(MapFile::parse(Path::new("map"), &mut text.clone()).is_err(), "bit {bit}");
+            text[bit / 8] ^= 1 << (bit % 8);
+        }
+        let moved = String::from_utf8(text).unwrap().replace("0.30000000000000004", "9.30000000000000004");
+        fs::write(maps.file(7), moved).unwrap();
+        let error = maps.load(7).unwrap_err();
+        assert!(
+            matches!(error, MapFileError::Checksum { .. }) && error.to_string().contains("is damaged: its checksum")
+        );
+    }
+
+    #[test]
+    fn folders_and_pipes_are_refused() {
+        let folder = Folder::new("kinds");
+        fs::create_dir_all(folder.maps().file(7)).unwrap();
+        assert!(matches!(folder.maps().load(7), Err(MapFileError::NotAFile(_))));
+        #[cfg(unix)]
+        {
+            let pipe = folder.0.join("pipe");
+            assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+            assert!(matches!(MapFile::read(&pipe), Err(MapFileError::NotAFile(_))));
+        }
+    }
+
     #[test]
     fn loaded_map_equals_saved_map() {
         let folder = Folder::new("same");
@@ -339,11 +460,13 @@ mod tests {
         let folder = Folder::new("bad");
         let maps = folder.maps();
         maps.save(&map(7)).unwrap();
-        let text = fs::read_to_string(maps.file(7)).unwrap();
-        let spoilt: [(String, &str); 7] = [
+        // Damage that no checksum shows.
+        let text = of_format_1(&fs::read_to_string(maps.file(7)).unwrap());
+        let spoilt: [(String, &str); 8] = [
             (text[..text.len() / 2].to_owned(), "is not a map"),
             (String::new(), "is not a map"),
-            (text.replace("\"format_version\":1", "\"format_version\":2"), "format 2"),
+            (text.replace("\"format_version\":1", "\"format_version\":2"), "its checksum is missing"),
+            (text.replace("\"format_version\":1", "\"format_version\":3"), "format 3; this program reads 1 to 2"),
             (text.replace("\"universe\":7", "\"universe\":8"), "another universe, 8"),
             (text.replace("\"score\":8.7", "\"score\":-8.7"), "the score of 3"),
             (text.replace("\"score\":8.7", "\"score\":1e999"), "is not a map"),
