@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use super::host_clock::CLOCK_NAME;
 use super::{EventMerger, PoseTail, now_ns};
 use a121::SensorConfig;
 use a121::{SetupReply, SystemInfo};
@@ -25,9 +24,6 @@ const TRACK_POLL_NS: i64 = 50_000_000;
 /// Interval of flushes, nanoseconds. Choice: with the wait for poses, a killed program or a power cut costs less than a second of
 /// the recording; the disk is rarely bothered.
 const FLUSH_NS: i64 = 300_000_000;
-/// Poses farther from now than this use another clock, nanoseconds. Choice: no writer is this late,
-/// and clocks with another origin differ by hours.
-const MAX_CLOCK_DIFFERENCE_NS: i64 = 10_000_000_000;
 
 /// Bound of the poses of headset and hands that wait to be written: about four seconds. Choice: at
 /// 250 head poses and 100 hand samples a second; longer than a disk usually stalls.
@@ -53,7 +49,6 @@ pub struct RecordFile {
     live_poses: Option<Receiver<Event>>,
     flushed_ns: i64,
     tailed_ns: i64,
-    has_warned: bool,
 }
 
 impl RecordFile {
@@ -75,7 +70,6 @@ impl RecordFile {
             live_poses,
             flushed_ns: now_ns,
             tailed_ns: now_ns,
-            has_warned: false,
         }
     }
 
@@ -133,14 +127,8 @@ impl RecordFile {
             for pose in tail.read() {
                 self.merge.push(Event::Pose(pose));
             }
-            let away_ns = tail.counters().newest_ns.map_or(0, |newest_ns| now_ns.saturating_sub(newest_ns));
-            if away_ns.saturating_abs() > MAX_CLOCK_DIFFERENCE_NS && !std::mem::replace(&mut self.has_warned, true) {
-                log::warn!(
-                    "the newest pose of the track is {:.1} s away from now: its times must be seconds of this computer's \
-                     monotonic clock ({CLOCK_NAME}), now {:.3}",
-                    away_ns as f64 * 1e-9,
-                    now_ns as f64 * 1e-9
-                );
+            if let Some(warning) = tail.warning(now_ns) {
+                log::warn!("{warning}");
             }
         }
         let Some(writer) = &mut self.writer else { return Ok(()) };

@@ -1,5 +1,5 @@
 //! What differs between operating systems and is not in a crate: how a program is asked to end, thread priorities, processor
-//! time and timers. Both files have the same functions.
+//! time, timers and the identity of files. Both files have the same functions.
 
 #[cfg(unix)]
 mod unix;

@@ -45,6 +45,16 @@ pub fn limit_memory_of_this_process(bytes: u64) -> std::io::Result<()> {
     Ok(setrlimit(Resource::Data, Rlimit { current: least(now.current), maximum: least(now.maximum) })?)
 }
 
+/// Device and inode: equal for two open files only if they are the same file, whatever their names.
+///
+/// # Errors
+/// The system refuses.
+pub fn file_identity(file: &std::fs::File) -> std::io::Result<[u64; 2]> {
+    use std::os::unix::fs::MetadataExt;
+    let metadata = file.metadata()?;
+    Ok([metadata.dev(), metadata.ino()])
+}
+
 /// Processor time of the calling thread, nanoseconds.
 pub fn thread_cpu_ns() -> i64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);

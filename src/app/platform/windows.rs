@@ -1,6 +1,7 @@
 //! Windows.
 
 use std::io::IsTerminal;
+use std::os::windows::io::AsRawHandle;
 use std::ptr::{null, null_mut};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -8,6 +9,7 @@ use std::time::Duration;
 
 use windows_sys::Win32::Foundation::{FILETIME, HWND, LPARAM, LRESULT, WPARAM};
 use windows_sys::Win32::Media::timeBeginPeriod;
+use windows_sys::Win32::Storage::FileSystem::{BY_HANDLE_FILE_INFORMATION, GetFileInformationByHandle};
 use windows_sys::Win32::System::Console::{
     AllocConsole, CTRL_BREAK_EVENT, CTRL_C_EVENT, FreeConsole, GetConsoleProcessList, GetStdHandle, STD_ERROR_HANDLE,
     STD_INPUT_HANDLE, STD_OUTPUT_HANDLE, SetConsoleCtrlHandler, SetStdHandle,
@@ -142,6 +144,20 @@ pub fn limit_memory_of_this_process(bytes: u64) -> std::io::Result<()> {
         refused(SetInformationJobObject(job, JobObjectExtendedLimitInformation, (&raw const limits).cast(), length))?;
         refused(AssignProcessToJobObject(job, GetCurrentProcess()))
     }
+}
+
+/// Volume and index: equal for two open files only if they are the same file, whatever their names.
+///
+/// # Errors
+/// The system refuses.
+pub fn file_identity(file: &std::fs::File) -> std::io::Result<[u64; 2]> {
+    let mut found = BY_HANDLE_FILE_INFORMATION::default();
+    // SAFETY: the handle is open while `file` is borrowed, and the call writes at most the structure.
+    if unsafe { GetFileInformationByHandle(file.as_raw_handle(), &mut found) } == 0 {
+        return Err(std::io::Error::last_os_error());
+    }
+    let index = u64::from(found.nFileIndexHigh) << 32 | u64::from(found.nFileIndexLow);
+    Ok([u64::from(found.dwVolumeSerialNumber), index])
 }
 
 /// Processor time of the calling thread, nanoseconds. The system counts it at its clock's interrupts, so short pieces of work
