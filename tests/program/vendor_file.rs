@@ -64,6 +64,24 @@ fn csv_and_tum_tracks_give_equal_poses() {
 }
 
 #[test]
+fn track_that_lost_digits_is_reported_and_its_poses_are_not_used() {
+    let folder = Folder::new("vendor_cut");
+    folder.write("frames.h5", short_h5());
+    let row = |n: i32| format!("{:.2} 0 0 0 0 0 0.7071068 0.7071068\n", f64::from(n) * 0.01);
+    let rows: String = (-10..70).map(row).collect();
+    folder.write("whole.tum", &rows);
+    let whole = folder.run("import frames.h5 --poses whole.tum --out r.mcap").succeeds().prints("all valid");
+    assert!(whole.err.is_empty(), "{whole:#?}");
+    folder.write("cut.tum", rows.trim_end().strip_suffix(".7071068").unwrap());
+    let cut = folder.run("import frames.h5 --poses cut.tum --out r.mcap --force").succeeds().prints("Poses      79 ");
+    assert!(cut.err.contains("cut.tum, line 80: the track ends without a line end"), "{cut:#?}");
+    folder.write("short.tum", rows.replacen(".7071068\n", "\n", 3));
+    let short = folder.run("import frames.h5 --poses short.tum --out r.mcap --force").succeeds().prints("3 invalid");
+    let message = "the quaternions of 3 poses do not have length 1 and are not used, the first at -0.100 s";
+    assert!(short.err.contains(message), "{short:#?}");
+}
+
+#[test]
 fn track_too_sparse_for_the_settings_is_reported_with_the_remedy() {
     let folder = Folder::new("vendor_sparse");
     folder.write("frames.h5", short_h5());

@@ -19,6 +19,7 @@
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
 
+use super::track::has_unit_length;
 use super::tum::time_ns;
 
 /// Header line for the columns of [`csv_line`].
@@ -69,7 +70,7 @@ impl Columns {
     }
 
     /// Parses the pose on a line. A NaN time is replaced by the previous time, and the pose is
-    /// invalid.
+    /// invalid; so is one whose quaternion does not have length 1.
     ///
     /// # Errors
     /// Why the line is not a pose.
@@ -102,7 +103,7 @@ impl Columns {
             time_ns: if is_timed { time_ns(time_s)? } else { previous_ns },
             position_m: [x, y, z],
             quaternion_xyzw: [qx, qy, qz, qw],
-            valid: is_valid && is_timed,
+            valid: is_valid && is_timed && has_unit_length([qx, qy, qz, qw]),
             result: TrackingResult::Ok,
         })
     }
@@ -209,6 +210,7 @@ mod tests {
     proptest! {
         #[test]
         fn written_poses_are_read_back(p in prop::array::uniform3(-1e3..1e3f64), q in prop::array::uniform4(-1.0..1.0f64), ms in 0i64..1_000_000, valid: bool) {
+            let q = glam::DQuat::from_array(q).normalize().to_array();
             let pose = PoseSample { time_ns: ms * 1_000_000, position_m: p, quaternion_xyzw: q, valid, result: TrackingResult::Ok };
             prop_assert_eq!(read(CSV_HEAD, &csv_line(&pose)), Ok(pose));
         }

@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use super::track::TrackFile;
+use super::track::{TrackFile, has_unit_length};
 use super::{Header, ImportError, RecordingSummary, RecordingWriter, SensorMetadata};
 use a121::frame_timing;
 use a121::vendor_h5::{Unfinished, VendorRecording};
@@ -135,16 +135,21 @@ impl Import {
     pub fn write(&self, path: impl AsRef<Path>) -> Result<RecordingSummary, ImportError> {
         let mut writer = RecordingWriter::create(path, &self.header)?;
         let (mut frames, mut poses) = (Span::default(), Span::default());
+        let mut no_rotations = NoRotations::default();
         for event in self.events() {
             let event = event?;
             match &event {
                 Event::Frame(frame) => frames.add(frame.host_time_ns),
-                Event::Pose(pose) => poses.add(pose.time_ns),
+                Event::Pose(pose) => {
+                    poses.add(pose.time_ns);
+                    no_rotations.add(pose);
+                }
                 Event::Hands(_) => {}
             }
             writer.write(&event)?;
         }
         warn_if_apart(frames, poses);
+        no_rotations.warn();
         Ok(writer.finish()?)
     }
 }
@@ -184,6 +189,33 @@ impl Span {
     fn add(&mut self, time_ns: i64) {
         let [first, last] = self.0.unwrap_or([time_ns; 2]);
         self.0 = Some([first.min(time_ns), last.max(time_ns)]);
+    }
+}
+
+/// Poses whose quaternion does not have length 1.
+#[derive(Debug, Default)]
+struct NoRotations {
+    count: u64,
+    first: Option<PoseSample>,
+}
+
+impl NoRotations {
+    fn add(&mut self, pose: &PoseSample) {
+        if !has_unit_length(pose.quaternion_xyzw) {
+            self.count += 1;
+            self.first.get_or_insert(*pose);
+        }
+    }
+
+    fn warn(&self) {
+        let Some(first) = self.first else { return };
+        log::warn!(
+            "the quaternions of {} poses do not have length 1 and are not used, the first at {:.3} s with {:?} (x y z w): the track \
+             has lost digits, or has other numbers there; export it anew with unit quaternions",
+            self.count,
+            first.time_ns as f64 * 1e-9,
+            first.quaternion_xyzw
+        );
     }
 }
 

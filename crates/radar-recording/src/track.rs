@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use super::ImportError;
 use super::csv_track::{CSV_HEAD, Columns, csv_line};
 use super::tum::{parse_line, tum_line};
+use glam::DQuat;
 use radar_sar::PoseSample;
 
 /// Limit of a file's size, bytes. Choice: about 20 hours at 120 Hz.
@@ -15,6 +16,15 @@ const MAX_TRACK_BYTES: u64 = 1 << 30;
 /// Limit of a line's length, bytes. Choice: eight numbers take less than 200, and CSV may have
 /// other columns.
 pub const MAX_TRACK_LINE_BYTES: usize = 4096;
+
+/// How far the length of a quaternion may be from 1. Choice: three decimals, the fewest that tools write (the data sets of TUM have
+/// four), give at most 0.001 when rounded and 0.002 when cut. Farther off, a number has lost digits.
+const MAX_LENGTH_ERROR: f64 = 0.002;
+
+/// Whether a quaternion of a track is a rotation, up to the digits that were written.
+pub(super) fn has_unit_length(quaternion_xyzw: [f64; 4]) -> bool {
+    (DQuat::from_array(quaternion_xyzw).length() - 1.0).abs() <= MAX_LENGTH_ERROR
+}
 
 /// Format of a track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +77,8 @@ impl TrackParser {
     }
 
     /// Parses the next line; `None` for comments, blank lines and the header line. A NaN time is
-    /// replaced by the previous time, and the pose is invalid.
+    /// replaced by the previous time, and the pose is invalid; so is one whose quaternion does not
+    /// have length 1.
     ///
     /// # Errors
     /// Why the line is not a pose.
@@ -92,9 +103,9 @@ impl TrackParser {
     }
 }
 
-/// Reads a track. NaN or zero positions and quaternions, and times that run backwards, are kept:
-/// the user of the poses counts and skips them. A NaN time is replaced by the previous time and the
-/// pose is marked invalid.
+/// Reads a track. NaN positions and times that run backwards are kept: the user of the poses counts
+/// and skips them. A NaN time is replaced by the previous time and the pose is marked invalid; so is
+/// one whose quaternion does not have length 1. A pose on a last line without a line end is left out.
 ///
 /// # Errors
 /// A file that cannot be read; a line with too few or too many columns, with a word that is not a
@@ -118,6 +129,7 @@ pub(super) struct TrackFile<R> {
     parser: TrackParser,
     /// Lines read so far.
     lines: usize,
+    has_poses: bool,
     ended: bool,
 }
 
@@ -139,7 +151,14 @@ impl TrackFile<Take<BufReader<File>>> {
 
 impl<R: BufRead> TrackFile<R> {
     fn new(input: R, format: TrackFormat, name: &Path) -> Self {
-        Self { input, name: name.to_owned(), parser: TrackParser::new(format), lines: 0, ended: false }
+        Self {
+            input,
+            name: name.to_owned(),
+            parser: TrackParser::new(format),
+            lines: 0,
+            has_poses: false,
+            ended: false,
+        }
     }
 
     /// What the next line says; `None` at the end.
@@ -155,8 +174,20 @@ impl<R: BufRead> TrackFile<R> {
         if read == MAX_TRACK_LINE_BYTES {
             return Err(self.line_error(format!("longer than {MAX_TRACK_LINE_BYTES} bytes")));
         }
-        let text = std::str::from_utf8(&bytes).map_err(|_| self.line_error("not text".into()))?;
-        self.parser.line(text).map(Some).map_err(|reason| self.line_error(reason))
+        let text = std::str::from_utf8(&bytes).map_err(|_| "not text".into());
+        let line = text.and_then(|text| self.parser.line(text));
+        // Whether a number lacks digits cannot be seen.
+        if !bytes.ends_with(b"\n") && line.as_ref().map_or(self.has_poses, Option::is_some) {
+            log::warn!(
+                "{}, line {}: the track ends without a line end, so its last line may be cut, and its pose is left out; if it is \
+                 whole, end it with a newline",
+                self.name.display(),
+                self.lines
+            );
+            return Ok(None);
+        }
+        self.has_poses |= matches!(line, Ok(Some(_)));
+        line.map(Some).map_err(|reason| self.line_error(reason))
     }
 
     fn line_error(&self, reason: String) -> ImportError {
@@ -202,6 +233,34 @@ mod tests {
         }
         assert_eq!(TrackFormat::of(Path::new("a/arm.CSV")), TrackFormat::Csv);
         assert_eq!(TrackFormat::of(Path::new("head.tum")), TrackFormat::Tum);
+    }
+
+    #[test]
+    fn pose_on_a_cut_last_line_is_left_out() {
+        let times = |text: &str, format| {
+            read(text, format).map(|poses| poses.iter().map(|pose| pose.time_ns / 1_000_000).collect::<Vec<_>>())
+        };
+        let tum = "1 0 0 0 0 0 0.7071068 0.7071068\n2 0 0 0 0 0 0.7071068 0.7071068";
+        for cut in tum.find('\n').unwrap() + 2..=tum.len() {
+            assert_eq!(times(&tum[..cut], TrackFormat::Tum), Ok(vec![1000]), "{}", &tum[..cut]);
+        }
+        assert_eq!(times(&format!("{tum}\n# the end"), TrackFormat::Tum), Ok(vec![1000, 2000]));
+        let csv = "qx,qy,qz,qw,x,y,z,t\n0,0,0,1,0,0,0,1\n0,0,0,1,0,0,0,2.5";
+        assert_eq!(times(csv, TrackFormat::Csv), Ok(vec![1000]));
+        // Nothing in it shows that it is a track.
+        assert!(read("nonsense", TrackFormat::Tum).is_err());
+    }
+
+    #[test]
+    fn quaternion_of_another_length_costs_its_pose() {
+        let valid = |text: &str, format| read(text, format).unwrap().iter().map(|pose| pose.valid).collect::<Vec<_>>();
+        // With four decimals, with three that were cut, with two, and without the last number's digits.
+        let turns = ["0.6132 0.5962 -0.3311 -0.3986", "0 0 0.707 0.707", "0 0 0.70 0.70", "0 0 0.7071068 0", "0 0 0 2"];
+        let expected = [true, true, false, false, false];
+        let tum: String = turns.map(|turn| format!("1 0 0 0 {turn}\n")).concat();
+        assert_eq!(valid(&tum, TrackFormat::Tum), expected);
+        let csv = turns.map(|turn| format!("{},1,0,0,0\n", turn.replace(' ', ","))).concat();
+        assert_eq!(valid(&format!("qx,qy,qz,qw,t,x,y,z\n{csv}"), TrackFormat::Csv), expected);
     }
 
     #[test]

@@ -4,8 +4,10 @@
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
 
+use super::track::has_unit_length;
+
 /// Parses a line of a track; `None` for comments and blank lines. A NaN time is replaced by the
-/// previous time.
+/// previous time, and the pose is invalid; so is one whose quaternion does not have length 1.
 ///
 /// # Errors
 /// Why the line is not a pose.
@@ -27,7 +29,7 @@ pub fn parse_line(line: &str, previous_ns: i64) -> Result<Option<PoseSample>, St
         time_ns,
         position_m: [x, y, z],
         quaternion_xyzw: [qx, qy, qz, qw],
-        valid: !time_s.is_nan(),
+        valid: !time_s.is_nan() && has_unit_length([qx, qy, qz, qw]),
         result: TrackingResult::Ok,
     }))
 }
@@ -63,7 +65,7 @@ mod tests {
     #[test]
     fn nan_and_zero_are_kept() {
         let pose = parse_line("1 nan 0 0 0 0 0 0", 0).unwrap().unwrap();
-        assert!(pose.position_m[0].is_nan() && pose.valid);
+        assert!(pose.position_m[0].is_nan() && !pose.valid);
         assert_eq!(pose.quaternion_xyzw, [0.0; 4]);
         let pose = parse_line("NaN 0 0 0 0 0 0 1", 77).unwrap().unwrap();
         assert_eq!((pose.time_ns, pose.valid), (77, false));
