@@ -8,7 +8,7 @@ use hdf5_pure::{CompoundTypeBuilder, FileBuilder};
 use num_complex::Complex;
 use radar_chaperone::settings::Settings;
 use radar_mapping::{Event, SavedMap, SavedPoint, SavedWall};
-use radar_recording::{Header, MapFile, RecordingWriter};
+use radar_recording::{Existing, Header, MapFile, RecordingWriter};
 use radar_sar::PoseSample;
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
@@ -103,7 +103,8 @@ pub fn long_recording() -> Vec<u8> {
 
 fn recording(frames: i64) -> Vec<u8> {
     let path = temp_path("-seed");
-    let mut writer = RecordingWriter::create(&path, &Header::new("a seed", config(), Pose::IDENTITY)).expect("a file");
+    let header = Header::new("a seed", config(), Pose::IDENTITY);
+    let mut writer = RecordingWriter::create(&path, &header, Existing::Replace).expect("a file");
     for index in 0..frames {
         writer.write(&Event::Frame(frame(index))).expect("a frame");
         writer.write(&Event::Pose(PoseSample::valid(index * 15_000_000, &Pose::IDENTITY))).expect("a pose");

@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use libfuzzer_sys::fuzz_target;
 use radar_chaperone_fuzz::{file, script::Script, seeds};
 use radar_mapping::Event;
-use radar_recording::{Recording, RecordingWriter};
+use radar_recording::{Existing, Recording, RecordingWriter};
 
 /// A sound recording, and where its chunks are, with their events as text: NaN does not equal itself.
 struct Sound {
@@ -107,7 +107,7 @@ fuzz_target!(init: seeds::write("recover"), |data: &[u8]| {
     }
     assert!(rest.is_empty(), "made up: {rest:?}");
     let path = file::temp_path("-written");
-    let mut writer = RecordingWriter::create(&path, recording.header()).expect("a file");
+    let mut writer = RecordingWriter::create(&path, recording.header(), Existing::Replace).expect("a file");
     events.iter().for_each(|event| writer.write(event).expect("an event"));
     writer.finish().expect("a recording");
     let (again, recovered) = read(&std::fs::read(&path).expect("a recording")).expect("what was recovered can be read");

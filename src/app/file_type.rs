@@ -14,7 +14,7 @@ pub use registry::{add_file_type, remove_file_type};
 mod desktop {
     use std::process::{Command, Stdio};
 
-    use radar_recording::{Readers, write_whole};
+    use radar_recording::{Existing, Readers, write_whole};
 
     use super::*;
     use crate::app::folders::user_folder;
@@ -72,7 +72,7 @@ mod desktop {
             quoted(program)?
         );
         for (path, bytes) in files(folder).iter().zip([kind.as_bytes(), icon, entry.as_bytes()]) {
-            write_whole(path, bytes, Readers::Usual)?;
+            write_whole(path, bytes, Readers::Usual, Existing::Replace)?;
         }
         Ok(())
     }

@@ -8,7 +8,7 @@ use a121::find::Candidate;
 use a121::{Calibration, Event, Frame, LinkRequirement, LogLine, SensorConfig, Setup, SystemInfo};
 use anyhow::{Context, Result, anyhow, bail};
 use indicatif::ProgressBar;
-use radar_recording::{Readers, write_whole_through_links};
+use radar_recording::{Existing, Readers, write_whole_through_links};
 use radar_sar::geometry::Pose;
 
 use super::board_messages::BoardMessages;
@@ -303,6 +303,6 @@ impl<'a> FrameIntake<'a> {
 
 fn write_calibrations(path: &Path, calibrations: &[Calibration]) -> Result<()> {
     let text = serde_json::to_string_pretty(calibrations)?;
-    write_whole_through_links(path, text.as_bytes(), Readers::Usual)
+    write_whole_through_links(path, text.as_bytes(), Readers::Usual, Existing::Replace)
         .with_context(|| format!("cannot write calibration {}", path.display()))
 }

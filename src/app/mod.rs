@@ -71,5 +71,6 @@ pub use registration::{own_path, registration_trouble};
 pub use sensor::{SensorStream, StreamCounters, StreamError, StreamEvent, StreamOptions};
 pub use sensor_supervisor::{ChooseSensor, SensorSupervisor, SupervisorPlan};
 pub use session::SessionOptions;
+pub use session_report::is_session_report;
 pub use settings_store::{Compose, OnNew, SettingChange, SettingsStore, SettingsWatcher};
 pub use stop::stop_flag;

@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use radar_mapping::MountInUse;
 
 use super::folders::user_folder;
-use radar_recording::{Readers, read_small_text, write_whole};
+use radar_recording::{Existing, Readers, read_small_text, write_whole};
 
 /// The file of all headsets, and the one in use.
 #[derive(Debug, Clone)]
@@ -41,7 +41,7 @@ impl MountMemory {
         let mut kept = read(&self.file).unwrap_or_default();
         kept.insert(self.headset.clone(), *mount);
         let text = serde_json::to_string_pretty(&kept)?;
-        write_whole(&self.file, (text + "\n").as_bytes(), Readers::Owner)
+        write_whole(&self.file, (text + "\n").as_bytes(), Readers::Owner, Existing::Replace)
             .with_context(|| format!("cannot write {}", self.file.display()))
     }
 }

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
 use radar_mapping::{CalibrationInUse, MountInUse};
-use radar_recording::{Readers, write_whole_through_links};
+use radar_recording::{Existing, Readers, read_small_text, write_whole_through_links};
 
 use super::{
     Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters, WarningOutput,
@@ -85,9 +85,17 @@ impl SessionReport {
             "range_bias_m": calibration.and_then(|calibration| calibration.range_bias_m.as_deref()),
             "reconstruction": reconstruction,
         });
-        write_whole_through_links(path, format!("{report:#}\n").as_bytes(), Readers::Usual)
+        let existing = if is_session_report(path) { Existing::Replace } else { Existing::Keep };
+        write_whole_through_links(path, format!("{report:#}\n").as_bytes(), Readers::Usual, existing)
             .with_context(|| format!("cannot write {}", path.display()))
     }
+}
+
+/// Whether the file is the report of an earlier session, which the next one replaces.
+pub fn is_session_report(path: &Path) -> bool {
+    let text = read_small_text(path).unwrap_or_default();
+    let report: Value = serde_json::from_str(&text).unwrap_or_default();
+    ["ending", "frames_missed_by_us", "sweep_to_warning"].iter().all(|key| report.get(key).is_some())
 }
 
 fn latency(report: &LatencyReport) -> Value {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use radar_recording::{Readers, write_whole};
+use radar_recording::{Existing, Readers, write_whole};
 
 use super::folders::user_folder;
 
@@ -22,5 +22,6 @@ pub(super) fn is_done() -> bool {
 /// The file cannot be written.
 pub(super) fn set_done() -> Result<()> {
     let Some(file) = file().filter(|file| !file.exists()) else { return Ok(()) };
-    write_whole(&file, &[], Readers::Owner).with_context(|| format!("cannot write {}", file.display()))
+    write_whole(&file, &[], Readers::Owner, Existing::Replace)
+        .with_context(|| format!("cannot write {}", file.display()))
 }

@@ -1,14 +1,15 @@
 //! `radar-chaperone calibrate FILE [--out DIR]`: the time offset between poses and sweeps of a
 //! recording, and the sensor's position on the head.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
 
 use super::files::{SettingsArguments, read_streams};
+use super::outputs::{CommandFiles, ReplaceArgument, begins_with, is_png};
 use crate::app::progress;
-use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot, write_atomically};
+use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot};
 use glam::DVec3;
 use radar_mapping::{MountEstimate, OffsetWindow, Synchronisation, synchronisation};
 
@@ -34,11 +35,18 @@ pub(super) struct Calibrate {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
+    replace: ReplaceArgument,
+    #[command(flatten)]
     settings: SettingsArguments,
 }
 
 impl Calibrate {
     pub fn run(&self) -> Result<()> {
+        let names = ["calibration.json", "synchronisation.png"];
+        let [json_path, figure_path] = names.map(|name| self.out.as_ref().map(|out| out.join(name)));
+        let files = CommandFiles::default().reads([&self.file]).reads(self.settings.file());
+        let outputs =
+            files.writes(&json_path, is_calibration).writes(&figure_path, is_own_figure).check(self.replace)?;
         let spinner = progress::spinner("reading and comparing");
         let (recording, frames, poses) = read_streams(&self.file)?;
         let header = recording.header();
@@ -47,15 +55,23 @@ impl Calibrate {
             .with_context(|| self.file.display().to_string())?;
         spinner.finish_and_clear();
         outln!("{}", report_text(&trial).trim_end())?;
-        if let Some(out) = &self.out {
-            let json = serde_json::to_vec_pretty(&trial)?;
-            write_atomically(&out.join("calibration.json"), &json)?;
+        if let (Some(out), Some(json_path), Some(figure_path)) = (&self.out, &json_path, &figure_path) {
+            outputs.write(json_path, &serde_json::to_vec_pretty(&trial)?)?;
             let title = format!("Poses and radar over time: {}", header.source);
-            figure(&trial, &title).write(&out.join("synchronisation.png"))?;
+            outputs.write(figure_path, &figure(&trial, &title).png()?)?;
             outln!("\nWritten to {}", out.display())?;
         }
         Ok(())
     }
+}
+
+fn is_calibration(file: &Path) -> bool {
+    begins_with(file, b"{\n  \"reflector_m\": [")
+}
+
+/// Pictures look like others': one beside a calibration is its figure.
+fn is_own_figure(file: &Path) -> bool {
+    is_png(file) && is_calibration(&file.with_file_name("calibration.json"))
 }
 
 fn figure(trial: &Synchronisation, title: &str) -> crate::report::Picture {

@@ -13,14 +13,17 @@ use glam::DVec3;
 use indicatif::ProgressBar;
 
 use super::files::SweepSource;
-use super::replay::{Replay, obstacle_table, result_text, sensor_path, write_obstacles};
+use super::outputs::{CommandFiles, Outputs, ReplaceArgument, begins_with};
+use super::replay::{
+    Replay, is_found_cloud, is_found_picture, is_obstacles, obstacle_table, obstacles_bytes, result_text, sensor_path,
+};
 use super::simulate::{effects_in, write_scenario};
-use super::view::ViewArguments;
+use super::view::{ViewArguments, is_shot};
 use crate::app::progress;
 use crate::render::{EyeView, Renderer};
 use crate::report::{
-    Figure, Limits, Marks, Report, RoomMap, Score, Section, Table, cross_sections, point_cloud, points_above, room_map,
-    score, write_ply,
+    Figure, Limits, Marks, Report, RoomMap, Score, Section, Table, cross_sections, ply_bytes, point_cloud,
+    points_above, room_map, score,
 };
 use crate::settings::Settings;
 use crate::warning::{Warnings, warn};
@@ -48,6 +51,8 @@ pub(super) struct Demo {
     /// Seed of all randomness
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    replace: ReplaceArgument,
     // With it, only the furnished room is simulated, recorded and shown.
     #[command(flatten)]
     view: ViewArguments,
@@ -154,6 +159,10 @@ const VOXEL_M: f64 = 0.05;
 /// Side of an eye preview, pixels. Choice: two fit side by side on the page.
 const PREVIEW_PX: u32 = 640;
 
+const TITLE: &str = "Radar chaperone: demo";
+/// Pictures of a scene.
+const PICTURES: [&str; 5] = ["cross_sections.png", "point_cloud.png", "map.png", "eye_left.png", "eye_right.png"];
+
 /// Result of one scene.
 struct SceneResult {
     section: Section,
@@ -167,7 +176,7 @@ impl Demo {
             return self.show_room();
         }
         let start = Instant::now();
-        std::fs::create_dir_all(&self.out).with_context(|| format!("cannot make {}", self.out.display()))?;
+        let outputs = self.files().check(self.replace)?;
         let mut renderer = match Renderer::new() {
             Ok(renderer) => Some(renderer),
             Err(error) => {
@@ -180,12 +189,12 @@ impl Demo {
         let mut played = Vec::new();
         for act in &SCENES {
             bar.set_message(act.scene);
-            let one = self.run_scene(act, renderer.as_mut(), &bar);
+            let one = self.run_scene(act, renderer.as_mut(), &outputs, &bar);
             played.push(one.with_context(|| format!("the demo's \"{}\"", act.heading))?);
         }
         bar.finish_and_clear();
         let report = self.out.join("report.html");
-        self.report(&played, renderer.as_ref()).write(&report)?;
+        outputs.write(&report, self.report(&played, renderer.as_ref()).html().as_bytes())?;
         for (act, one) in SCENES.iter().zip(&played) {
             let Score { due_found, due, false_reports, direction_unknown_reports, .. } = one.score;
             let found = match direction_unknown_reports {
@@ -198,15 +207,28 @@ impl Demo {
         Ok(())
     }
 
+    fn files(&self) -> CommandFiles {
+        SCENES.iter().fold(CommandFiles::default().writes([self.out.join("report.html")], is_report), |files, act| {
+            let folder = self.out.join(act.folder);
+            files
+                .writes([folder.join("recording.mcap")], is_simulated)
+                .writes([folder.join("obstacles.json")], is_obstacles)
+                .writes([folder.join("point_cloud.ply")], is_found_cloud)
+                .writes(PICTURES.map(|name| folder.join(name)), is_found_picture)
+        })
+    }
+
     /// Simulates and records the furnished room and shows its replay.
     fn show_room(&self) -> Result<()> {
         let folder = self.out.join(SCENES[0].folder);
-        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let file = folder.join("recording.mcap");
+        let files = CommandFiles::default().writes([&file], is_simulated).writes(self.view.shots(), is_shot);
+        let outputs = files.check(self.replace)?;
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let spinner = progress::spinner("simulating a furnished room");
-        self.record(&SCENES[0], &file)?;
+        self.record(&SCENES[0], &file, &outputs)?;
         spinner.finish_and_clear();
-        Replay::for_viewing(file, self.view.clone()).run()
+        Replay::for_viewing(file, self.view.clone(), self.replace).run()
     }
 
     fn report(&self, played: &[SceneResult], renderer: Option<&Renderer>) -> Report {
@@ -220,7 +242,7 @@ impl Demo {
         let drawn_by = renderer.map_or("No graphics adapter: there are no eye previews.".to_owned(), |r| {
             format!("Eye previews drawn by {}.", r.adapter_name())
         });
-        let mut report = Report::new("Radar chaperone: demo")
+        let mut report = Report::new(TITLE)
             .intro(format!(
                 "A simulated 60 GHz radar on a headset (seed {}): every scene was recorded, replayed from its recording \
                  through the mapper, and compared with the truth. {drawn_by}",
@@ -233,15 +255,21 @@ impl Demo {
         report
     }
 
-    fn run_scene(&self, act: &DemoScene, renderer: Option<&mut Renderer>, bar: &ProgressBar) -> Result<SceneResult> {
+    fn run_scene(
+        &self,
+        act: &DemoScene,
+        renderer: Option<&mut Renderer>,
+        outputs: &Outputs,
+        bar: &ProgressBar,
+    ) -> Result<SceneResult> {
         let folder = self.out.join(act.folder);
         let file = folder.join("recording.mcap");
-        std::fs::create_dir_all(&folder)?;
-        self.record(act, &file)?;
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        self.record(act, &file, outputs)?;
         bar.inc(1);
         let (header, settings, mapper) = replay(&file)?;
         let scene = mapper.scene();
-        write_obstacles(&folder.join("obstacles.json"), &scene, &mapper)?;
+        outputs.write(&folder.join("obstacles.json"), &obstacles_bytes(&scene, &mapper)?)?;
         let truth = header.truth.clone().ok_or_else(|| anyhow!("the recording contains no truth"))?;
         bar.inc(1);
         let image = volume(act.image, &file, &settings, &mapper, &truth)?;
@@ -251,6 +279,7 @@ impl Demo {
             .text(act.text)
             .preformatted(result_text(&scene, &mapper, None))
             .preformatted(score.to_string());
+        let folder = Folder { path: &folder, outputs };
         for figure in figures(act, &folder, &image, &scene, &truth, &mapper)? {
             section = section.figure(figure);
         }
@@ -270,7 +299,7 @@ impl Demo {
         Ok(SceneResult { section: section.table(obstacle_table(&scene)), row, score })
     }
 
-    fn record(&self, act: &DemoScene, file: &Path) -> Result<()> {
+    fn record(&self, act: &DemoScene, file: &Path, outputs: &Outputs) -> Result<()> {
         let config = preset(act.preset).ok_or_else(|| anyhow!("preset {} is gone", act.preset))?;
         let mut scenario = Scenario::new(act.scene, act.motion, config, act.duration_s, self.seed);
         scenario.snr_db = act.snr_db;
@@ -278,8 +307,31 @@ impl Demo {
         if act.motion == "natural" {
             scenario.errors.dropouts_per_minute = 4.0;
         }
-        write_scenario(file, &scenario)?;
+        write_scenario(file, outputs.existing(file), &scenario)?;
         Ok(())
+    }
+}
+
+/// Whether a file is the page of an earlier demo.
+fn is_report(file: &Path) -> bool {
+    let page = Report::new(TITLE).html();
+    page.find("<style>").is_some_and(|end| begins_with(file, &page.as_bytes()[..end]))
+}
+
+/// Whether a file is a simulated recording.
+fn is_simulated(file: &Path) -> bool {
+    Recording::open(file).is_ok_and(|recording| recording.header().source.starts_with("simulation: "))
+}
+
+/// The folder of a scene.
+struct Folder<'a> {
+    path: &'a Path,
+    outputs: &'a Outputs,
+}
+
+impl Folder<'_> {
+    fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
+        self.outputs.write(&self.path.join(name), bytes)
     }
 }
 
@@ -344,7 +396,7 @@ fn farthest_sweeps(observations: &[Observation], count: usize) -> Vec<Observatio
 /// Cross-sections, point cloud and map, also written as separate files.
 fn figures(
     act: &DemoScene,
-    folder: &Path,
+    folder: &Folder,
     image: &Volume,
     scene: &Scene,
     truth: &Truth,
@@ -369,10 +421,10 @@ fn figures(
     let share = if act.image == Image::Found { 0.0 } else { 0.3 };
     let cloud = point_cloud(&image, &title, quantity, share, &marks);
     let map = room_map(&RoomMap { title: &title, scene, truth: Some(truth), path_m: &path_m, region: None });
-    sections.write(&folder.join("cross_sections.png"))?;
-    cloud.write(&folder.join("point_cloud.png"))?;
-    map.write(&folder.join("map.png"))?;
-    write_ply(&folder.join("point_cloud.ply"), &points_above(&image, share))?;
+    folder.write("cross_sections.png", &sections.png()?)?;
+    folder.write("point_cloud.png", &cloud.png()?)?;
+    folder.write("map.png", &map.png()?)?;
+    folder.write("point_cloud.ply", &ply_bytes(&points_above(&image, share)))?;
     Ok(vec![
         Figure::new(&map, "From above: what was found and what stands there")?,
         Figure::new(&sections, "Accumulated cross-sections: side, top and front")?,
@@ -383,7 +435,7 @@ fn figures(
 /// Previews of both eyes at the head pose with the brightest warnings ahead.
 fn eye_previews(
     renderer: &mut Renderer,
-    folder: &Path,
+    folder: &Folder,
     scene: &Scene,
     truth: &Truth,
     mapper: &Mapper,
@@ -400,9 +452,9 @@ fn eye_previews(
     let views = EyeView::pair(&head, 0.064, 100f64.to_radians(), [PREVIEW_PX; 2]);
     for (view, side) in views.iter().zip(["left", "right"]) {
         let picture = renderer.preview(&warnings, &settings.warning, view, &dots)?;
-        let path = folder.join(format!("eye_{side}.png"));
-        picture.save(&path).with_context(|| format!("cannot write {}", path.display()))?;
-        let png = std::fs::read(&path)?;
+        let mut png = Vec::new();
+        picture.write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png)?;
+        folder.write(&format!("eye_{side}.png"), &png)?;
         let caption = format!("What the {side} eye sees; dots: the truth");
         figures.push(Figure { png, alt: caption.clone(), caption });
     }

@@ -1,10 +1,9 @@
 //! File handling shared by several commands: settings over a recording, streams read to the end.
 
 use crate::app::user_folder;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::Args;
 
 use crate::settings::Settings;
@@ -26,6 +25,11 @@ pub(super) struct SettingsArguments {
 }
 
 impl SettingsArguments {
+    /// The given file.
+    pub fn file(&self) -> &Option<PathBuf> {
+        &self.settings
+    }
+
     /// Settings from the file, or from the recording, with the changes applied.
     pub fn over_recorded(&self, recorded: &str) -> Result<Settings> {
         let text = match &self.settings {
@@ -129,56 +133,6 @@ impl SweepSource<'_> {
         let (only_frames, only_poses) = (frames.by_ref().filter_map(frame), poses.filter_map(pose));
         let counters = observe_each(&config, self.observer, only_frames, only_poses, with);
         Ok((counters, frames))
-    }
-}
-
-/// Command-line argument of commands that write a file.
-#[derive(Debug, Default, Args)]
-pub(super) struct ReplaceArgument {
-    /// Replaces files that are there already
-    #[arg(long)]
-    force: bool,
-}
-
-impl ReplaceArgument {
-    /// Refuses to overwrite an input, and without --force any file.
-    pub fn check(&self, out: &Path, inputs: &[&Path]) -> Result<()> {
-        self.check_but(out, inputs, None)
-    }
-
-    /// The same for a file that can be made again: one that begins as such a file is replaced.
-    pub fn check_derived(&self, out: &Path, inputs: &[&Path], beginning: &[u8]) -> Result<()> {
-        self.check_but(out, inputs, Some(beginning))
-    }
-
-    fn check_but(&self, out: &Path, inputs: &[&Path], beginning: Option<&[u8]>) -> Result<()> {
-        refuse_overwriting(out, inputs)?;
-        if out.is_dir() {
-            bail!("{} is a folder: give the file to write", out.display());
-        }
-        let is_there = out.symlink_metadata().is_ok();
-        if is_there && !self.force && !beginning.is_some_and(|beginning| begins_with(out, beginning)) {
-            bail!("{} is there already: choose another name, or give --force to replace it", out.display());
-        }
-        Ok(())
-    }
-}
-
-fn begins_with(file: &Path, beginning: &[u8]) -> bool {
-    let mut start = vec![0; beginning.len()];
-    let is_file = std::fs::metadata(file).is_ok_and(|metadata| metadata.is_file());
-    let mut read = || std::fs::File::open(file)?.read_exact(&mut start);
-    is_file && read().is_ok() && start == beginning
-}
-
-/// Refuses to overwrite an input file, by whatever path it is named.
-pub(super) fn refuse_overwriting(out: &Path, inputs: &[&Path]) -> Result<()> {
-    let same = |input: &&&Path| matches!((out.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    match inputs.iter().find(same) {
-        Some(input) => {
-            bail!("{} is {} itself: choose another name for what is written", out.display(), input.display())
-        }
-        None => Ok(()),
     }
 }
 

@@ -1,13 +1,13 @@
 //! `radar-chaperone import FRAMES.h5 --poses TRACK --out FILE.mcap`: converts the vendor's
 //! recordings, with poses of any tracker.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 
-use super::files::ReplaceArgument;
+use super::outputs::{CommandFiles, ReplaceArgument, never};
 use crate::app::limit_memory_of_this_process;
 use radar_recording::{ImportOptions, import_h5, remove_unfinished};
 use radar_sar::HistorySettings;
@@ -75,7 +75,7 @@ impl Import {
             // It has said why.
             Some(code @ (1 | 2)) => std::process::exit(code),
             _ => {
-                remove_unfinished(&self.out, reader.id());
+                remove_unfinished(&self.out);
                 bail!(
                     "the reader of .h5 files ended abruptly ({status}): {} is damaged, or needs more than {} GiB of memory; {} \
                      was not written",
@@ -88,8 +88,8 @@ impl Import {
     }
 
     fn import(&self) -> Result<()> {
-        let inputs: Vec<&Path> = std::iter::once(&self.frames).chain(&self.poses).map(PathBuf::as_path).collect();
-        self.replace.check(&self.out, &inputs)?;
+        let files = CommandFiles::default().reads([&self.frames]).reads(&self.poses).writes([&self.out], never);
+        let outputs = files.check(self.replace)?;
         let mut options = ImportOptions::default();
         if let Some(mount) = &self.mount {
             options.head_from_sensor = parse_mount(mount)?;
@@ -97,7 +97,8 @@ impl Import {
         if let Some(pose) = &self.fixed_pose {
             options.fixed_pose = Some(parse_pose("pose", pose)?);
         }
-        let summary = import_h5(&self.frames, self.poses.as_deref(), &options)?.write(&self.out)?;
+        let summary =
+            import_h5(&self.frames, self.poses.as_deref(), &options)?.write(&self.out, outputs.existing(&self.out))?;
         if let Some(sparse) = summary.sparse_poses(HistorySettings::default().max_gap_s) {
             log::warn!("{}", sparse.remedy());
         }

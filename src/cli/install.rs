@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use radar_recording::{Readers, write_whole};
+use radar_recording::{Existing, Readers, write_whole};
 
 use super::check_run;
 use crate::app::{add_file_type, own_path, remove_file_type, user_folder};
@@ -118,7 +118,8 @@ fn write_files(path: &Path, binary: &Path, arguments: &str) -> Result<()> {
     let text = manifest(binary, &icon, arguments);
     // The icon first: SteamVR may read the manifest as soon as it is there.
     for (path, bytes) in [(icon.as_path(), ICON), (path, text.as_bytes())] {
-        write_whole(path, bytes, Readers::Usual).with_context(|| format!("cannot write {}", path.display()))?;
+        write_whole(path, bytes, Readers::Usual, Existing::Replace)
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
 }

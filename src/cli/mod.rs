@@ -10,6 +10,7 @@ mod findings;
 mod import;
 mod info;
 mod install;
+mod outputs;
 mod reconstruct;
 mod record;
 mod recover;

@@ -3,17 +3,18 @@
 //!
 //! `Reconstruct` has 17 fields: they are the command line's arguments, one field each.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use serde_json::{Map, Value};
 
-use super::files::{ReplaceArgument, SettingsArguments, SweepSource, warn_of_damage};
+use super::files::{SettingsArguments, SweepSource, warn_of_damage};
+use super::outputs::{CommandFiles, Outputs, ReplaceArgument, begins_with};
 use crate::app::progress;
 use crate::gpu_imaging::GpuImager;
-use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
+use crate::report::{VolumeInfo, ply_bytes, points_above, volume_bytes};
 use crate::settings::Settings;
 use radar_mapping::cube_ahead;
 use radar_mapping::{ObserverCounters, ObserverSettings};
@@ -176,14 +177,9 @@ impl Reconstruct {
         let statistic: Statistic = self.statistic.parse()?;
         let selection: Selection = self.selection.parse()?;
         self.check_arguments()?;
-        self.replace.check_derived(&self.out, &[&self.file], b"\x93NUMPY")?;
-        if !self.out.exists() {
-            // What the volume is, beside it.
-            self.replace.check(&self.out.with_extension("json"), &[&self.file])?;
-        }
-        if let Some(cloud) = &self.cloud {
-            self.replace.check_derived(cloud, &[&self.file], b"ply\n")?;
-        }
+        let files = CommandFiles::default().reads([&self.file]).reads(self.settings.file());
+        let files = files.writes([&self.out], is_volume).writes([self.out.with_extension("json")], is_volume_info);
+        let outputs = files.writes(&self.cloud, is_cloud).check(self.replace)?;
         let recording = Recording::open(&self.file)?;
         let header = recording.header();
         let settings = self.settings.over_recorded(&header.settings)?;
@@ -197,7 +193,7 @@ impl Reconstruct {
         let spinner = progress::spinner("reconstructing");
         let computed = self.compute(statistic, &chosen, &settings, &region)?;
         spinner.finish_and_clear();
-        self.write(computed, statistic, chosen.len())
+        self.write(computed, statistic, chosen.len(), &outputs)
     }
 
     fn compute(
@@ -276,9 +272,6 @@ impl Reconstruct {
         }
         if self.out.extension().is_some_and(|extension| extension == "json") {
             bail!("--out {}: the .json beside the volume takes this name: choose one in .npy", self.out.display());
-        }
-        if self.cloud.as_ref().is_some_and(|cloud| *cloud == self.out || *cloud == self.out.with_extension("json")) {
-            bail!("--cloud has the name of the volume or of its .json: choose another");
         }
         if !(self.cloud_share > 0.0 && self.cloud_share <= 1.0) {
             bail!("--cloud-share {}: give a share above 0, at most 1", self.cloud_share);
@@ -374,13 +367,15 @@ impl Reconstruct {
         )
     }
 
-    fn write(&self, computed: Computed, statistic: Statistic, sweeps: usize) -> Result<()> {
+    fn write(&self, computed: Computed, statistic: Statistic, sweeps: usize, outputs: &Outputs) -> Result<()> {
         let Computed { volume, updates, extra } = computed;
         let dense_updates = (volume.values.len() * sweeps) as u64;
         let found = extra.get("voxels").and_then(Value::as_u64);
         let bounds = extra.get("bounds").and_then(Value::as_u64).unwrap_or(0);
         let info = VolumeInfo { statistic: statistic.name().into(), updates, dense_updates, extra };
-        write_volume(&self.out, &volume, &info)?;
+        let [npy, json] = volume_bytes(&volume, &info)?;
+        outputs.write(&self.out, &npy)?;
+        outputs.write(&self.out.with_extension("json"), &json)?;
         let [nx, ny, nz] = volume.size;
         outln!("{} over {nz} × {ny} × {nx} voxels [z][y][x] of {} m, {sweeps} sweeps", statistic.name(), self.voxel_m)?;
         if let Some(found) = found {
@@ -394,11 +389,24 @@ impl Reconstruct {
         outln!("Written to {} and its .json", self.out.display())?;
         if let Some(cloud) = &self.cloud {
             let points = points_above(&volume, self.cloud_share);
-            write_ply(cloud, &points)?;
+            outputs.write(cloud, &ply_bytes(&points))?;
             outln!("{} points written to {}", points.len(), cloud.display())?;
         }
         Ok(())
     }
+}
+
+/// A volume of this program: others' lack what describes it.
+fn is_volume(file: &Path) -> bool {
+    begins_with(file, b"\x93NUMPY") && is_volume_info(&file.with_extension("json"))
+}
+
+fn is_volume_info(file: &Path) -> bool {
+    begins_with(file, b"{\n  \"origin_m\": [")
+}
+
+fn is_cloud(file: &Path) -> bool {
+    begins_with(file, b"ply\nformat binary_little_endian 1.0\ncomment tracking frame, metres, +y up\n")
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Result, bail};
 use clap::Args;
 
-use super::files::refuse_overwriting;
+use super::outputs::{CommandFiles, always, never};
 use super::sensor::SensorArguments;
 use crate::app::HeadPoses;
 use crate::app::{FrameIntake, MAX_WAITING_POSES, Until};
@@ -48,7 +48,9 @@ pub(super) struct Record {
 
 impl Record {
     pub fn run(&self) -> Result<()> {
-        check_new_file(&self.out, &[&self.poses, &self.sensor.config, &self.sensor.calibration])?;
+        let files = CommandFiles::default().reads(&self.poses).reads(&self.sensor.config);
+        files.writes([&self.out], never).writes(&self.sensor.calibration, always).check_new()?;
+        check_folder(&self.out)?;
         self.check()?;
         self.sensor.mount()?;
         let sensor = self.sensor.choose()?;
@@ -114,13 +116,8 @@ impl Record {
     }
 }
 
-/// Refuses to overwrite a recording or an input, and to record into a missing folder.
-pub(super) fn check_new_file(out: &Path, inputs: &[&Option<PathBuf>]) -> Result<()> {
-    let inputs: Vec<&Path> = inputs.iter().filter_map(|input| input.as_deref()).collect();
-    refuse_overwriting(out, &inputs)?;
-    if out.exists() {
-        bail!("{} is there already: choose another name, or remove it", out.display());
-    }
+/// Refuses to record into a missing folder.
+pub(super) fn check_folder(out: &Path) -> Result<()> {
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() {
         bail!("there is no folder {}: make it, or choose another name for the recording", folder.display());

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 
-use super::files::ReplaceArgument;
+use super::outputs::{CommandFiles, ReplaceArgument, never};
 use radar_recording::{Header, Recording, RecordingWriter};
 
 /// Copies everything readable of a damaged recording into a new, valid one
@@ -26,8 +26,8 @@ pub(super) struct Recover {
 impl Recover {
     pub fn run(&self) -> Result<()> {
         let other = self.header_of.as_deref();
-        let inputs: Vec<&Path> = other.into_iter().chain([self.file.as_path()]).collect();
-        self.replace.check(&self.out, &inputs)?;
+        let inputs = other.into_iter().chain([self.file.as_path()]);
+        let outputs = CommandFiles::default().reads(inputs).writes([&self.out], never).check(self.replace)?;
         let mut recording = match other {
             None => Recording::open(&self.file)?,
             Some(other) => {
@@ -35,7 +35,7 @@ impl Recover {
                 Recording::open_with_header(&self.file, Header { truth: None, ..header })?
             }
         };
-        let mut writer = RecordingWriter::create(&self.out, recording.header())?;
+        let mut writer = RecordingWriter::create(&self.out, recording.header(), outputs.existing(&self.out))?;
         let mut is_empty = true;
         for event in &mut recording {
             writer.write(&event)?;

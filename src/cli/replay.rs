@@ -6,13 +6,14 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use clap::Args;
 
-use super::files::{ReplaceArgument, SettingsArguments, warn_of_damage};
+use super::files::{SettingsArguments, warn_of_damage};
+use super::outputs::{CommandFiles, Outputs, ReplaceArgument, begins_with, is_png, never};
 use super::results::Results;
-use super::view::{ReplayEnd, ViewArguments};
+use super::view::{ReplayEnd, ViewArguments, is_shot};
 use crate::app::{correction_text, progress};
 use crate::report::{
-    CloudPoint, Figure, FilmRecorder, Limits, Report, RoomMap, Section, Table, room_map, score, write_cloud,
-    write_obstacles_json, write_ply,
+    CloudPoint, Figure, FilmRecorder, Limits, Report, RoomMap, Section, Table, cloud_bytes, obstacles_json, ply_bytes,
+    room_map, score,
 };
 use crate::settings::Settings;
 use crate::viewer::Recorder;
@@ -67,9 +68,7 @@ impl Replay {
         if let Some(speed) = self.speed.filter(|s| !(s.is_finite() && *s > 0.0)) {
             bail!("--speed {speed}: give a number above 0");
         }
-        for output in self.results.iter().chain(&self.film) {
-            self.replace.check(output, &[&self.file])?;
-        }
+        let outputs = self.files().check(self.replace)?;
         let summary = RecordingSummary::read(&self.file)?;
         let recording = Recording::open(&self.file)?;
         let settings = self.settings.over_recorded(&recording.header().settings)?;
@@ -80,13 +79,27 @@ impl Replay {
         }
         let ended = if self.view.is_wanted() {
             let about = self.view.about(&summary, &settings, mapper.kind());
-            self.view.show(about, |recorder| self.work(recording, mapper, &summary, &settings, Some(recorder)))??
+            let work = |recorder| self.work(recording, mapper, (&summary, &settings), &outputs, Some(recorder));
+            self.view.show(about, &outputs, work)??
         } else {
-            self.work(recording, mapper, &summary, &settings, None)?
+            self.work(recording, mapper, (&summary, &settings), &outputs, None)?
         };
         match ended {
-            ReplayEnd::Done(mapper, scene) => self.report(&summary, &settings, &mapper, &scene),
+            ReplayEnd::Done(mapper, scene) => self.report(&summary, &settings, &mapper, &scene, &outputs),
             ReplayEnd::Closed => Ok(outln!("The view was closed before the recording was processed.")?),
+        }
+    }
+
+    fn files(&self) -> CommandFiles {
+        let files = CommandFiles::default().reads([&self.file]).reads(&self.map).reads(self.settings.file());
+        let files = files.writes(&self.results, never).writes(&self.film, never).writes(self.view.shots(), is_shot);
+        match &self.out {
+            Some(out) => files
+                .writes([out.join("obstacles.json")], is_obstacles)
+                .writes(["obstacles.ply", "shape.ply"].map(|name| out.join(name)), is_found_cloud)
+                .writes([out.join("map.png")], is_found_picture)
+                .writes([out.join("report.html")], is_found_page),
+            None => files,
         }
     }
 
@@ -95,34 +108,41 @@ impl Replay {
         &self,
         mut recording: Recording,
         mut mapper: Mapper,
-        summary: &RecordingSummary,
-        settings: &Settings,
+        (summary, settings): (&RecordingSummary, &Settings),
+        files: &Outputs,
         recorder: Option<Recorder>,
     ) -> Result<ReplayEnd> {
         let results = match &self.results {
-            Some(path) => Some(Results::create(path, &summary.header, settings, mapper.kind())?),
+            Some(path) => Some(Results::create(path, files.existing(path), &summary.header, settings, mapper.kind())?),
             None => None,
         };
-        let mut outputs = Outputs { results, recorder, film: self.film.as_ref().map(|_| FilmRecorder::default()) };
+        let mut made = Made { results, recorder, film: self.film.as_ref().map(|_| FilmRecorder::default()) };
         let events = summary.frames.count + summary.poses.count + summary.hands.count;
         // On a thread of the pool: no stage of the mapper waits for one to wake up.
-        if !rayon::scope(|_| self.feed(&mut recording, &mut mapper, events, &mut outputs))? {
+        if !rayon::scope(|_| self.feed(&mut recording, &mut mapper, events, &mut made))? {
             return Ok(ReplayEnd::Closed);
         }
         warn_of_damage(&recording);
         let spinner = progress::spinner("looking for obstacles");
         mapper.finish();
         let scene = mapper.scene();
-        outputs.finish(&mapper, &scene)?;
+        made.finish(&mapper, &scene)?;
         spinner.finish_and_clear();
-        if let (Some(film), Some(path)) = (outputs.film, &self.film) {
-            write_film(&film, path, &summary.header, &mapper, &scene)?;
+        if let (Some(film), Some(path)) = (made.film, &self.film) {
+            files.write(path, &film_bytes(&film, &summary.header, &mapper, &scene)?)?;
         }
         Ok(ReplayEnd::Done(Box::new(mapper), scene))
     }
 
     /// Prints the result and writes it where requested.
-    fn report(&self, summary: &RecordingSummary, settings: &Settings, mapper: &Mapper, scene: &Scene) -> Result<()> {
+    fn report(
+        &self,
+        summary: &RecordingSummary,
+        settings: &Settings,
+        mapper: &Mapper,
+        scene: &Scene,
+        outputs: &Outputs,
+    ) -> Result<()> {
         let header = &summary.header;
         let sparse = summary.sparse_poses(settings.tracking.history.max_gap_s);
         outln!("{}", result_text(scene, mapper, sparse.as_ref()).trim_end())?;
@@ -131,12 +151,12 @@ impl Replay {
             outln!("\nAgainst the truth in the recording:\n{score}")?;
         }
         if let Some(out) = &self.out {
-            write_obstacles(&out.join("obstacles.json"), scene, mapper)?;
-            write_clouds(out, scene)?;
+            outputs.write(&out.join("obstacles.json"), &obstacles_bytes(scene, mapper)?)?;
+            write_clouds(out, scene, outputs)?;
             let path = sensor_path(mapper);
             let truth = header.truth.as_ref();
             let map = room_map(&RoomMap { title: &header.source, scene, truth, path_m: &path, region: None });
-            map.write(&out.join("map.png"))?;
+            outputs.write(&out.join("map.png"), &map.png()?)?;
             let mut section = Section::new("What was found")
                 .figure(Figure::new(
                     &map,
@@ -149,12 +169,12 @@ impl Replay {
             let counters = Section::new("What was taken and left out")
                 .preformatted(serde_json::to_string_pretty(&mapper.counters())?);
             let recording = Section::new("The recording").preformatted(summary.to_string());
-            Report::new(&header.source)
+            let report = Report::new(&header.source)
                 .intro("The mapper's result over one recording.")
                 .section(section)
                 .section(counters)
-                .section(recording)
-                .write(&out.join("report.html"))?;
+                .section(recording);
+            outputs.write(&out.join("report.html"), report.html().as_bytes())?;
             outln!("\nWritten to {}", out.display())?;
         }
         Ok(())
@@ -169,14 +189,14 @@ impl Replay {
     }
 
     /// Streams the recording at the requested speed; returns whether it reached the end. Another thread reads ahead.
-    fn feed(&self, recording: &mut Recording, mapper: &mut Mapper, events: u64, outputs: &mut Outputs) -> Result<bool> {
+    fn feed(&self, recording: &mut Recording, mapper: &mut Mapper, events: u64, made: &mut Made) -> Result<bool> {
         std::thread::scope(|scope| {
             let (sender, batches) = std::sync::mpsc::sync_channel(BATCHES_AHEAD);
             scope.spawn(move || {
                 let batches = std::iter::from_fn(|| Some(next_batch(recording)));
                 let _ = batches.take_while(|batch| !batch.is_empty()).try_for_each(|batch| sender.send(batch));
             });
-            self.take(batches.into_iter().flatten(), mapper, events, outputs)
+            self.take(batches.into_iter().flatten(), mapper, events, made)
         })
     }
 
@@ -185,12 +205,12 @@ impl Replay {
         events: impl Iterator<Item = Event>,
         mapper: &mut Mapper,
         count: u64,
-        outputs: &mut Outputs,
+        made: &mut Made,
     ) -> Result<bool> {
         let bar = progress::bar(count, "replaying");
         let (start, mut first_ns) = (Instant::now(), None);
         for event in events {
-            if !self.is_wanted(outputs.recorder.as_ref()) {
+            if !self.is_wanted(made.recorder.as_ref()) {
                 bar.finish_and_clear();
                 return Ok(false);
             }
@@ -200,7 +220,7 @@ impl Replay {
                 let due = Duration::from_secs_f64((since_ns as f64 * 1e-9 / speed).clamp(0.0, 3600.0));
                 std::thread::sleep(due.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
             }
-            if let Some(results) = &mut outputs.results {
+            if let Some(results) = &mut made.results {
                 results.write(&event)?;
             }
             let (time_ns, is_frame) = (event.time_ns(), matches!(event, Event::Frame(_)));
@@ -208,7 +228,7 @@ impl Replay {
                 log::debug!("left out: {refusal}");
             }
             let scene = mapper.poll_scene();
-            outputs.update(mapper, scene, time_ns, is_frame)?;
+            made.update(mapper, scene, time_ns, is_frame)?;
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -216,13 +236,13 @@ impl Replay {
     }
 
     /// A plain replay of a file, for viewing.
-    pub(super) fn for_viewing(file: PathBuf, view: ViewArguments) -> Self {
+    pub(super) fn for_viewing(file: PathBuf, view: ViewArguments, replace: ReplaceArgument) -> Self {
         Self {
             file,
             out: None,
             results: None,
             film: None,
-            replace: ReplaceArgument::default(),
+            replace,
             map: None,
             speed: None,
             settings: SettingsArguments::default(),
@@ -247,13 +267,13 @@ fn next_batch(recording: &mut Recording) -> Vec<Event> {
 }
 
 /// What is made of a replay while it runs.
-struct Outputs {
+struct Made {
     results: Option<Results>,
     recorder: Option<Recorder>,
     film: Option<FilmRecorder>,
 }
 
-impl Outputs {
+impl Made {
     /// Takes the mapper's state after an event, with the scene if it is new.
     fn update(&mut self, mapper: &Mapper, scene: Option<Scene>, time_ns: i64, is_frame: bool) -> Result<()> {
         if let Some(results) = &mut self.results {
@@ -277,11 +297,11 @@ impl Outputs {
     }
 }
 
-fn write_film(film: &FilmRecorder, path: &Path, header: &Header, mapper: &Mapper, scene: &Scene) -> Result<()> {
+fn film_bytes(film: &FilmRecorder, header: &Header, mapper: &Mapper, scene: &Scene) -> Result<Vec<u8>> {
     let path_ns: Vec<i64> = mapper.sensor_path().map(|(time_ns, _)| time_ns).collect();
     let (truth, path_m) = (header.truth.as_ref(), sensor_path(mapper));
     let map = RoomMap { title: &header.source, scene, truth, path_m: &path_m, region: None };
-    Ok(film.write(path, &map, &path_ns)?)
+    Ok(film.gif(&map, &path_ns)?)
 }
 
 /// Restores a saved map as if it had been saved when the recording begins, so that no result
@@ -296,23 +316,42 @@ pub(super) fn sensor_path(mapper: &Mapper) -> Vec<glam::DVec3> {
     mapper.sensor_path().map(|(_, pose)| pose.translation).collect()
 }
 
-/// Writes obstacles.json with all counters.
-pub(super) fn write_obstacles(path: &Path, scene: &Scene, mapper: &Mapper) -> Result<()> {
+/// obstacles.json with all counters.
+pub(super) fn obstacles_bytes(scene: &Scene, mapper: &Mapper) -> Result<Vec<u8>> {
     let counters = serde_json::to_value(mapper.counters())?;
-    Ok(write_obstacles_json(path, scene, &counters, &mapper.calibration())?)
+    Ok(obstacles_json(scene, &counters, &mapper.calibration())?)
+}
+
+/// Whether a file is an obstacles.json.
+pub(super) fn is_obstacles(file: &Path) -> bool {
+    begins_with(file, b"{\n\"frame\":\"tracking\",\n\"obstacles\":[")
+}
+
+/// What else there is in a folder of results looks like others' files: an obstacles.json beside it shows what it is.
+pub(super) fn is_found_picture(file: &Path) -> bool {
+    is_png(file) && is_obstacles(&file.with_file_name("obstacles.json"))
+}
+
+pub(super) fn is_found_cloud(file: &Path) -> bool {
+    begins_with(file, b"ply\n") && is_obstacles(&file.with_file_name("obstacles.json"))
+}
+
+fn is_found_page(file: &Path) -> bool {
+    begins_with(file, b"<!doctype html>\n") && is_obstacles(&file.with_file_name("obstacles.json"))
 }
 
 /// Writes the obstacles' positions with evidence and covariance, and all their points, as point
 /// clouds.
-fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
+fn write_clouds(folder: &Path, scene: &Scene, outputs: &Outputs) -> Result<()> {
     let cloud_point = |obstacle: &radar_mapping::Obstacle| CloudPoint {
         position_m: obstacle.position_m,
         value: obstacle.evidence as f32,
         covariance_m2: Some(obstacle.covariance_m2),
     };
-    write_cloud(&folder.join("obstacles.ply"), &scene.obstacles.iter().map(cloud_point).collect::<Vec<_>>())?;
+    let positions: Vec<CloudPoint> = scene.obstacles.iter().map(cloud_point).collect();
+    outputs.write(&folder.join("obstacles.ply"), &cloud_bytes(&positions))?;
     let shape: Vec<_> = scene.obstacles.iter().flat_map(|obstacle| obstacle.shape.iter().copied()).collect();
-    Ok(write_ply(&folder.join("shape.ply"), &shape)?)
+    outputs.write(&folder.join("shape.ply"), &ply_bytes(&shape))
 }
 
 /// The result of a replay as text. `sparse`: whether its poses are too far apart.

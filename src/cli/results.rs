@@ -8,7 +8,7 @@ use crate::settings::Settings;
 use crate::viewer::RecordingInfo;
 use radar_mapping::{Event, Scene};
 use radar_mapping::{Mapper, MapperCounters, MapperKind};
-use radar_recording::{BeamCone, Header, ResultsCounters, ResultsWriter, Snapshot};
+use radar_recording::{BeamCone, Existing, Header, ResultsCounters, ResultsWriter, Snapshot};
 
 /// The copy of the recording with a result for every map update.
 pub(super) struct Results {
@@ -18,12 +18,18 @@ pub(super) struct Results {
 }
 
 impl Results {
-    pub fn create(path: &Path, header: &Header, settings: &Settings, search: MapperKind) -> Result<Self> {
+    pub fn create(
+        path: &Path,
+        existing: Existing,
+        header: &Header,
+        settings: &Settings,
+        search: MapperKind,
+    ) -> Result<Self> {
         let about = RecordingInfo::new(header, settings, search, 0.0);
         let beam = BeamCone { cut_off_rad: about.beam_rad, ranges_m: about.ranges_m };
         // The beam is drawn at the mount of the settings.
         let header = Header { head_from_sensor: about.head_from_sensor, ..header.clone() };
-        Ok(Self { writer: ResultsWriter::create(path, &header, beam)?, newest_ns: None })
+        Ok(Self { writer: ResultsWriter::create(path, &header, beam, existing)?, newest_ns: None })
     }
 
     /// Writes an event; call it before the mapper takes the event.

@@ -10,9 +10,10 @@ use glam::DVec3;
 use radar_sar::geometry::Pose;
 
 use super::files::SettingsArguments;
-use super::record::check_new_file;
+use super::outputs::{CommandFiles, always, never};
+use super::record::check_folder;
 use super::sensor::SensorArguments;
-use crate::app::SessionOptions;
+use crate::app::{SessionOptions, is_session_report};
 
 /// Runs with SteamVR and warns of obstacles in the headset
 ///
@@ -51,9 +52,10 @@ fn front_of_headset() -> Pose {
 
 impl Run {
     pub fn run(&self) -> Result<()> {
-        if let Some(out) = &self.record {
-            check_new_file(out, &[&self.sensor.config, &self.sensor.calibration])?;
-        }
+        let files = CommandFiles::default().reads(&self.sensor.config).reads(self.settings.live_file());
+        let files = files.writes(&self.record, never).writes(&self.report, is_session_report);
+        files.writes(&self.sensor.calibration, always).check_new()?;
+        self.record.as_deref().map_or(Ok(()), check_folder)?;
         self.check()?;
         let sensor = self.sensor.clone();
         let options = SessionOptions {

@@ -12,10 +12,11 @@ use num_complex::Complex;
 
 use a121::device::{Board, Device, DeviceCounters, FaultPlan, FrameRequest, SampleSource, ServeAddress, Server};
 use a121::monotonic_ns;
-use radar_recording::{Readers, write_whole_through_links};
+use radar_recording::{Existing, Readers, WholeFile, write_whole_through_links};
 use radar_sar::geometry::Pose;
 use radar_simulation::{LiveScenario, Scenario};
 
+use super::outputs::{CommandFiles, Outputs, begins_with};
 use crate::app::{refine_timers, stop_flag};
 
 /// Length of the head's path, which is followed back and forth, seconds. Choice: longer than a play
@@ -78,8 +79,14 @@ impl Serve {
         }
     }
 
+    /// What it writes, and the link that it makes.
+    pub fn files(&self) -> CommandFiles {
+        let link = self.serve.as_deref().and_then(|place| place.strip_prefix("pty:"));
+        CommandFiles::default().reads(link).writes(&self.track_out, is_track).writes(&self.poses_out, is_track)
+    }
+
     /// Serves until Ctrl-C, or for a time, which replaces `scenario.duration_s`.
-    pub fn run(&self, mut scenario: Scenario, duration_s: Option<f64>) -> Result<()> {
+    pub fn run(&self, mut scenario: Scenario, duration_s: Option<f64>, outputs: &Outputs) -> Result<()> {
         if let Some(seconds) = duration_s.filter(|s| !(0.1..=MAX_DURATION_S).contains(s)) {
             bail!("a duration of {seconds} s cannot be served: give 0.1 to {MAX_DURATION_S} s, or leave it out");
         }
@@ -102,13 +109,14 @@ impl Serve {
         let poses = Poses { live: live.clone(), origin_ns, offset_ns };
         if let (Some(path), Some(duration_s)) = (&self.track_out, duration_s) {
             let text = poses.clone().whole_track(duration_s);
-            write_whole_through_links(path, text.as_bytes(), Readers::Usual)
+            write_whole_through_links(path, text.as_bytes(), Readers::Usual, outputs.existing(path))
                 .with_context(|| format!("cannot write {}", path.display()))?;
         }
         let source = RoomSamples { live: live.clone(), origin_ns };
         let device = Device::new(board, Box::new(source), plan, scenario.seed, monotonic_ns());
         let mut server = Server::open(address.clone(), device)?;
-        let mut track = self.poses_out.as_deref().map(Track::create).transpose()?;
+        let track = self.poses_out.as_deref().map(|path| Track::create(path, outputs.existing(path)));
+        let mut track = track.transpose()?;
         self.print_usage(&address, &scenario, board, origin_ns)?;
         let end_ns = duration_s.map_or(i64::MAX, |seconds| origin_ns + (seconds * 1e9) as i64);
         let mut poses = poses;
@@ -209,6 +217,10 @@ impl Poses {
     }
 }
 
+fn is_track(file: &Path) -> bool {
+    begins_with(file, HEAD_LINE.as_bytes())
+}
+
 /// A track in the TUM format, flushed line by line.
 struct Track {
     file: File,
@@ -217,11 +229,23 @@ struct Track {
 }
 
 impl Track {
-    fn create(path: &Path) -> Result<Self> {
-        let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    fn create(path: &Path, existing: Existing) -> Result<Self> {
+        let file = Self::open(path, existing).with_context(|| format!("cannot write {}", path.display()))?;
         let mut track = Self { file, path: path.to_owned(), poses: 0 };
         track.put(HEAD_LINE)?;
         Ok(track)
+    }
+
+    /// A new file, which has its name from the beginning: others read along. Or a device or a pipe.
+    fn open(path: &Path, existing: Existing) -> std::io::Result<File> {
+        if std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
+            return File::options().write(true).open(path);
+        }
+        // As everywhere, a link that the user names stays.
+        let path = &path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let (whole, file) = WholeFile::create(path, Readers::Usual, existing)?;
+        whole.finish(&file)?;
+        Ok(file)
     }
 
     fn put(&mut self, line: &str) -> Result<()> {

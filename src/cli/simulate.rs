@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 
-use super::files::ReplaceArgument;
 use super::import::parse_mount;
+use super::outputs::{CommandFiles, ReplaceArgument, never};
 use super::serve::Serve;
 use crate::app::progress;
 use crate::settings::Settings;
 use a121::{PRESETS, SensorConfig, preset};
 use radar_mapping::in_time_order;
-use radar_recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata, read_small_text};
+use radar_recording::{Existing, Header, RecordingSummary, RecordingWriter, SensorMetadata, read_small_text};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
 use radar_simulation::{
@@ -96,19 +96,20 @@ impl Simulate {
             if self.room == PLAY_ROOM {
                 bail!("{PLAY_ROOM} can only be recorded: give --out FILE.mcap, or another room to serve");
             }
-            return self.live.run(self.scenario()?, self.duration_s);
+            let outputs = self.live.files().reads(&self.config).check(self.replace)?;
+            return self.live.run(self.scenario()?, self.duration_s, &outputs);
         };
         self.live.require_serve()?;
-        let inputs: Vec<&Path> = self.config.iter().map(PathBuf::as_path).collect();
-        self.replace.check(out, &inputs)?;
+        let files = CommandFiles::default().reads(&self.config).writes([out], never);
+        let existing = files.check(self.replace)?.existing(out);
         let spinner = progress::spinner("simulating");
         let summary = if self.room == PLAY_ROOM {
             let session = self.play_session()?.prepare()?;
             let source = format!("simulation: {PLAY_ROOM}, seed {}", self.seed);
             let PlaySession { config, beam, head_from_sensor, .. } = session.play();
-            write_simulated(out, source, (config, beam, head_from_sensor), &session.recorded())?
+            write_simulated(out, existing, source, (config, beam, head_from_sensor), &session.recorded())?
         } else {
-            write_scenario(out, &self.scenario()?)?
+            write_scenario(out, existing, &self.scenario()?)?
         };
         spinner.finish_and_clear();
         outln!("{summary}")?;
@@ -194,15 +195,16 @@ pub(super) fn read_config(path: &Path) -> Result<SensorConfig> {
 }
 
 /// Runs a scenario and writes its recording.
-pub(super) fn write_scenario(path: &Path, scenario: &Scenario) -> Result<RecordingSummary> {
+pub(super) fn write_scenario(path: &Path, existing: Existing, scenario: &Scenario) -> Result<RecordingSummary> {
     let source = format!("simulation: {}, {}, seed {}", scenario.scene, scenario.motion, scenario.seed);
     let Scenario { config, beam, head_from_sensor, .. } = scenario;
-    write_simulated(path, source, (config, beam, head_from_sensor), &scenario.run()?)
+    write_simulated(path, existing, source, (config, beam, head_from_sensor), &scenario.run()?)
 }
 
 /// Writes a simulated recording: both streams merged in time, the truth and the beam in its header.
 fn write_simulated(
     path: &Path,
+    existing: Existing,
     source: String,
     (config, beam, head_from_sensor): (&SensorConfig, &Beam, &Pose),
     simulated: &Simulated,
@@ -220,7 +222,7 @@ fn write_simulated(
         truth: Some(simulated.truth.clone()),
         ..Header::new(source, config.clone(), *head_from_sensor)
     };
-    let mut writer = RecordingWriter::create(path, &header)?;
+    let mut writer = RecordingWriter::create(path, &header, existing)?;
     for event in in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()) {
         writer.write(&event)?;
     }

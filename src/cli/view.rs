@@ -1,13 +1,14 @@
 //! `--view` and `--view-shot DIR` of commands that replay a recording.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
+use super::outputs::{Outputs, begins_with};
 use crate::settings::Settings;
 use crate::viewer;
-use crate::viewer::{Recorder, RecordingInfo};
+use crate::viewer::{Recorder, RecordingInfo, SHOT_NAMES, SHOT_SIZE_PX};
 use radar_mapping::Scene;
 use radar_mapping::{Mapper, MapperKind};
 use radar_recording::{RecordingSummary, StreamSummary};
@@ -39,19 +40,40 @@ impl ViewArguments {
         self.view || self.view_shot.is_some()
     }
 
+    /// The pictures that are drawn.
+    pub fn shots(&self) -> Vec<PathBuf> {
+        let folder = self.view_shot.as_ref();
+        folder.map_or(Vec::new(), |folder| SHOT_NAMES.iter().map(|name| folder.join(name)).collect())
+    }
+
     /// Information about the recording for the view.
     pub fn about(&self, summary: &RecordingSummary, settings: &Settings, search: MapperKind) -> RecordingInfo {
         RecordingInfo::new(&summary.header, settings, search, expected_s(summary))
     }
 
     /// Runs the work and shows it meanwhile, or draws it afterwards.
-    pub fn show<T: Send>(&self, about: RecordingInfo, work: impl FnOnce(Recorder) -> T + Send) -> Result<T> {
-        let Some(folder) = &self.view_shot else { return Ok(viewer::show(about, work)?) };
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        let (files, done) = viewer::draw(about, folder, work)?;
-        files.iter().try_for_each(|file| outln!("Drawn: {}", file.display()))?;
+    pub fn show<T: Send>(
+        &self,
+        about: RecordingInfo,
+        outputs: &Outputs,
+        work: impl FnOnce(Recorder) -> T + Send,
+    ) -> Result<T> {
+        if self.view_shot.is_none() {
+            return Ok(viewer::show(about, work)?);
+        }
+        let (pictures, done) = viewer::draw(about, work)?;
+        for (path, picture) in self.shots().iter().zip(pictures) {
+            outputs.write(path, &picture)?;
+            outln!("Drawn: {}", path.display())?;
+        }
         Ok(done)
     }
+}
+
+/// Whether a file is a picture of the view: one of their size.
+pub(super) fn is_shot(file: &Path) -> bool {
+    let [width, height] = SHOT_SIZE_PX.map(u32::to_be_bytes);
+    begins_with(file, &[b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", &width[..], &height].concat())
 }
 
 /// Plausible length of a recording, seconds: a single wrong timestamp does not extend it.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use radar_recording::{Readers, write_whole};
+use radar_recording::{Existing, Readers, write_whole};
 
 use super::ReportError;
 
@@ -11,5 +11,6 @@ use super::ReportError;
 /// # Errors
 /// A folder or file cannot be created, written or renamed.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
-    write_whole(path, bytes, Readers::Usual).map_err(|source| ReportError::File { path: path.to_owned(), source })
+    write_whole(path, bytes, Readers::Usual, Existing::Replace)
+        .map_err(|source| ReportError::File { path: path.to_owned(), source })
 }

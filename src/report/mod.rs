@@ -41,7 +41,7 @@ pub use npy::{VolumeInfo, read_volume, volume_bytes, volume_of, write_volume};
 pub use obstacles_json::{obstacles_json, write_obstacles_json};
 pub use pareto::{TradeOff, TradeOffMarker, TradeOffPoint, pareto_front};
 pub use picture::Picture;
-pub use ply::{CloudPoint, cloud_bytes, cloud_of, ply_bytes, write_cloud, write_ply};
+pub use ply::{CloudPoint, cloud_bytes, cloud_of, ply_bytes, write_ply};
 pub use point_cloud::{point_cloud, points_above};
 pub use room_film::FilmRecorder;
 pub use room_map::{RoomMap, room_map};

@@ -68,14 +68,6 @@ pub fn write_ply(path: &Path, points: &[(DVec3, f32)]) -> Result<(), ReportError
     write_atomically(path, &ply_bytes(points))
 }
 
-/// Writes a .ply file.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_cloud(path: &Path, points: &[CloudPoint]) -> Result<(), ReportError> {
-    write_atomically(path, &cloud_bytes(points))
-}
-
 /// Parses the bytes of a file. `path` is named in errors.
 ///
 /// # Errors

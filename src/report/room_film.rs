@@ -1,15 +1,13 @@
 //! The room from above as a short film: how the map grows while the wearer looks around.
 
-use std::path::Path;
-
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbImage};
 
 use radar_mapping::Scene;
 
+use super::ReportError;
 use super::room_map::{RoomMap, region, room_map};
 use super::views::drawable;
-use super::{ReportError, write_atomically};
 
 /// Pictures of a film, and for how long each and the last are shown, milliseconds. Choice: twelve seconds that can be followed,
 /// and time to look at the result.
@@ -51,12 +49,12 @@ impl FilmRecorder {
         self.moments.push(Moment { time_ns, scene: scene.clone() });
     }
 
-    /// Writes the film as an animated GIF. `last` is the whole map at the end: every picture shows its part of the room.
+    /// The bytes of the film, an animated GIF. `last` is the whole map at the end: every picture shows its part of the room.
     /// `path_ns` holds the times of its path.
     ///
     /// # Errors
-    /// The file cannot be written.
-    pub fn write(&self, path: &Path, last: &RoomMap, path_ns: &[i64]) -> Result<(), ReportError> {
+    /// A picture cannot be encoded.
+    pub fn gif(&self, last: &RoomMap, path_ns: &[i64]) -> Result<Vec<u8>, ReportError> {
         let moments = self.moments.iter().step_by(self.moments.len().div_ceil(MAX_PICTURES).max(1));
         let shown = drawable(&region(last));
         let first_ns = self.moments.first().map_or(0, |moment| moment.time_ns);
@@ -75,7 +73,7 @@ impl FilmRecorder {
             }
             encoder.encode_frame(frame(&RoomMap { region: Some(shown), ..*last }, LAST_MS)).map_err(failed)?;
         }
-        write_atomically(path, &bytes)
+        Ok(bytes)
     }
 }
 
@@ -105,10 +103,7 @@ mod tests {
         let path_ns: Vec<i64> = (0..1000).map(|second| second * 1_000_000_000).collect();
         let scene = Scene::default();
         let last = RoomMap { title: "simulated room", scene: &scene, truth: None, path_m: &path_m, region: None };
-        let path = std::env::temp_dir().join(format!("radar-chaperone-film-{}.gif", std::process::id()));
-        recorder.write(&path, &last, &path_ns).unwrap();
-        let bytes = std::fs::read(&path).unwrap();
-        std::fs::remove_file(&path).unwrap();
+        let bytes = recorder.gif(&last, &path_ns).unwrap();
         let frames = GifDecoder::new(std::io::Cursor::new(&bytes)).unwrap().into_frames().collect_frames().unwrap();
         assert!((60..=MAX_PICTURES + 1).contains(&frames.len()), "{}", frames.len());
         let size = frames[0].buffer().dimensions();

@@ -19,14 +19,9 @@ pub enum ViewError {
     /// Rendering failed.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// An image cannot be written.
-    #[error("cannot write {path}: {cause}")]
-    Write {
-        /// The path.
-        path: String,
-        /// The cause.
-        cause: String,
-    },
+    /// An image cannot be encoded.
+    #[error("a picture of the view cannot be encoded as PNG: {0}")]
+    Png(String),
     /// The thread of the pipeline stopped.
     #[error("the reconstruction stopped: {0}")]
     Stopped(String),

@@ -31,8 +31,6 @@ mod timeline;
 mod viewport;
 mod window;
 
-use std::path::{Path, PathBuf};
-
 use app::App;
 use recorder::SharedHistory;
 
@@ -40,6 +38,7 @@ pub use error::ViewError;
 pub use history::{Health, History, VOXELS};
 pub use recorder::Recorder;
 pub use recording_info::RecordingInfo;
+pub use shots::{NAMES as SHOT_NAMES, SIZE_PX as SHOT_SIZE_PX};
 
 /// Runs `work` in its own thread and shows the state that its recorder stores, until the window is
 /// closed. Then waits for `work`; its recorder reports that the window is closed. Returns the
@@ -77,21 +76,17 @@ pub fn show_with_cancel<T: Send>(
     })
 }
 
-/// Runs `work` to its end and draws some states of its history into a folder. Returns the files and
-/// the result of `work`.
+/// Runs `work` to its end and draws some states of its history, as PNG files of the names [`SHOT_NAMES`]. Returns them and the
+/// result of `work`.
 ///
 /// # Errors
-/// There is no graphics adapter, the device fails, or the folder cannot be written.
-pub fn draw<T>(
-    about: RecordingInfo,
-    folder: &Path,
-    work: impl FnOnce(Recorder) -> T,
-) -> Result<(Vec<PathBuf>, T), ViewError> {
+/// There is no graphics adapter, or the device fails.
+pub fn draw<T>(about: RecordingInfo, work: impl FnOnce(Recorder) -> T) -> Result<(Vec<Vec<u8>>, T), ViewError> {
     let history = SharedHistory::new(about.expected_s);
     let mut app = App::new(about, history.clone());
     let done = work(Recorder::new(&history));
     let duration_s = history.lock().extent().duration_s;
-    Ok((shots::shots(&mut app, folder, duration_s)?, done))
+    Ok((shots::shots(&mut app, duration_s)?, done))
 }
 
 fn joined<T>(worker: std::thread::ScopedJoinHandle<T>) -> Result<T, ViewError> {

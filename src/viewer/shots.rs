@@ -1,8 +1,6 @@
 //! Screenshots of the view without a window, as PNG files, for documentation and tests. The same
 //! recording gives the same states.
 
-use std::path::{Path, PathBuf};
-
 use image::RgbaImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
@@ -15,56 +13,52 @@ use super::space::FORMAT;
 use crate::render::RenderError;
 
 /// Size of the images, pixels. Choice: a laptop's screen.
-const SIZE_PX: [u32; 2] = [1600, 1000];
+pub const SIZE_PX: [u32; 2] = [1600, 1000];
+/// Names of the images' files.
+pub const NAMES: [&str; 4] = ["overview.png", "above.png", "first-person.png", "maps.png"];
 /// Passes until the layout has settled. Choice: egui needs two passes for sizes that depend on each
 /// other; two in reserve.
 const PASSES: u32 = 4;
 
-/// Name of an image, and the function that sets the app's state.
-type State = (&'static str, fn(&mut App));
-
-/// Draws the states into a folder. The app's history must be complete. Returns the files.
+/// Draws the states as PNG files, in the order of [`NAMES`]. The app's history must be complete.
 ///
 /// # Errors
-/// There is no graphics adapter, the device fails, or the folder cannot be written.
-pub fn shots(app: &mut App, folder: &Path, duration_s: f64) -> Result<Vec<PathBuf>, ViewError> {
+/// There is no graphics adapter, or the device fails.
+pub fn shots(app: &mut App, duration_s: f64) -> Result<Vec<Vec<u8>>, ViewError> {
     let mut described = wgpu::InstanceDescriptor::new_without_display_handle();
     described.backends = wgpu::Backends::VULKAN;
     let adapter = adapter(&wgpu::Instance::new(described), None)?;
     let mut screen = Screen::new(&adapter, FORMAT)?;
     app.set_texture(screen.texture());
     app.player.pause();
-    let states: [State; 4] = [
-        ("overview.png", |app| {
+    let states: [fn(&mut App); NAMES.len()] = [
+        |app| {
             app.set_arrangement(Arrangement::Both);
             app.set_view(View::Overview);
-        }),
-        ("above.png", |app| {
+        },
+        |app| {
             app.set_arrangement(Arrangement::Room);
             app.set_view(View::Above);
             app.layers.truth = true;
-        }),
-        ("first-person.png", |app| {
+        },
+        |app| {
             app.set_view(View::FirstPerson);
             app.layers.truth = false;
             app.layers.evidence = false;
-        }),
-        ("maps.png", |app| {
+        },
+        |app| {
             app.set_arrangement(Arrangement::Maps);
             app.set_cut(Cut::All);
             app.layers.evidence = true;
-        }),
+        },
     ];
     let shares = [0.6, 1.0, app.brightest(duration_s), 0.6];
     let mut files = Vec::new();
-    for ((name, prepare), share) in states.into_iter().zip(shares) {
+    for (prepare, share) in states.into_iter().zip(shares) {
         prepare(app);
         let extent = super::player::Extent { buffered_s: duration_s, duration_s, is_complete: true };
         app.player.seek(share * duration_s, &extent);
-        let picture = picture(&mut screen, app)?;
-        let path = folder.join(name);
-        write(&path, &picture)?;
-        files.push(path);
+        files.push(png(picture(&mut screen, app)?)?);
     }
     Ok(files)
 }
@@ -125,11 +119,10 @@ fn read(screen: &Screen, texture: &wgpu::Texture) -> Result<RgbaImage, RenderErr
     Ok(picture)
 }
 
-fn write(path: &Path, picture: &RgbaImage) -> Result<(), ViewError> {
-    let failed = |cause: String| ViewError::Write { path: path.display().to_string(), cause };
+fn png(picture: RgbaImage) -> Result<Vec<u8>, ViewError> {
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive);
-    let rgb = image::DynamicImage::ImageRgba8(picture.clone()).into_rgb8();
-    rgb.write_with_encoder(encoder).map_err(|error| failed(error.to_string()))?;
-    crate::report::write_atomically(path, &bytes).map_err(|error| failed(error.to_string()))
+    let rgb = image::DynamicImage::ImageRgba8(picture).into_rgb8();
+    rgb.write_with_encoder(encoder).map_err(|error| ViewError::Png(error.to_string()))?;
+    Ok(bytes)
 }

@@ -3,7 +3,7 @@
 
 use a121::{Frame, preset};
 use num_complex::Complex;
-use radar_recording::{Header, RecordingWriter};
+use radar_recording::{Existing, Header, RecordingWriter};
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
 use radar_simulation::Scenario;
@@ -163,7 +163,7 @@ fn replay_each_case(preset_name: &str, motion: &str) {
 
 /// Writes both streams interleaved, whatever their times are.
 fn write(folder: &Folder, streams: &Streams) {
-    let mut writer = RecordingWriter::create(folder.path("r.mcap"), &streams.header).unwrap();
+    let mut writer = RecordingWriter::create(folder.path("r.mcap"), &streams.header, Existing::Replace).unwrap();
     let (frames, poses) = (&streams.frames, &streams.poses);
     let mut written = 0;
     for (index, frame) in frames.iter().enumerate() {

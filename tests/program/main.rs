@@ -22,6 +22,7 @@ mod links;
 mod memory;
 mod module_dependencies;
 mod moving_targets;
+mod outputs;
 mod physics;
 mod play_room;
 mod real_recordings;

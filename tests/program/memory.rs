@@ -3,7 +3,7 @@
 use crate::PROGRAM;
 use crate::common::Folder;
 use a121::{Frame, preset};
-use radar_recording::{Header, RecordingWriter};
+use radar_recording::{Existing, Header, RecordingWriter};
 use radar_sar::geometry::Pose;
 use radar_sar::{PoseSample, TrackingResult};
 use std::process::Command;
@@ -17,8 +17,8 @@ const SAMPLES: usize = 100_000_000;
 fn write_silence(folder: &Folder) {
     let config = preset("d16").unwrap();
     let samples = a121::FrameLayout::of(&config).samples_per_frame();
-    let mut writer =
-        RecordingWriter::create(folder.path("silence.mcap"), &Header::new("silence", config, Pose::IDENTITY)).unwrap();
+    let header = Header::new("silence", config, Pose::IDENTITY);
+    let mut writer = RecordingWriter::create(folder.path("silence.mcap"), &header, Existing::Replace).unwrap();
     for n in 0..(SAMPLES / samples) as i64 {
         let time_ns = n * 15_000_000;
         let pose = PoseSample {

@@ -62,7 +62,7 @@ fn impossible_arguments_are_refused_before_anything_is_opened() {
         ("--out r.mcap --mount left", "\"left\" is no mount"),
         ("--out r.mcap --poses .", ". is a folder or a device"),
         ("--out r.mcap --calibration no.json", "no.json is no calibration"),
-        ("--out r.mcap --calibration .", "cannot read calibration ."),
+        ("--out r.mcap --calibration .", ". is a folder: give the file to write"),
     ] {
         folder.run(&format!("record --port /dev/ttyNONE7 {arguments}")).fails_with(message);
     }

@@ -7,7 +7,7 @@ use radar_mapping::Event;
 use radar_mapping::Mapper;
 use radar_mapping::MappingSettings;
 use radar_mapping::{HandsSample, SavedMap, Scene};
-use radar_recording::{Header, Recording, RecordingWriter};
+use radar_recording::{Existing, Header, Recording, RecordingWriter};
 use radar_simulation::{Scenario, Simulated};
 
 fn room(duration_s: f64) -> (Scenario, Simulated) {
@@ -99,7 +99,7 @@ fn recorded_hands_equal_pushed_hands() {
 
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("hands.mcap");
     let header = Header::new("test", scenario.config.clone(), scenario.head_from_sensor);
-    let mut writer = RecordingWriter::create(&path, &header).unwrap();
+    let mut writer = RecordingWriter::create(&path, &header, Existing::Replace).unwrap();
     with_hands.iter().for_each(|event| writer.write(event).unwrap());
     let summary = writer.finish().unwrap();
     assert_eq!(summary.hands_tracked, [0, summary.hands.count]);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 use super::track::{TrackFile, has_unit_length};
-use super::{Header, ImportError, RecordingSummary, RecordingWriter, SensorMetadata};
+use super::{Existing, Header, ImportError, RecordingSummary, RecordingWriter, SensorMetadata};
 use a121::frame_timing;
 use a121::vendor_h5::{Unfinished, VendorRecording};
 use radar_mapping::{Event, in_time_order};
@@ -132,8 +132,8 @@ impl Import {
     ///
     /// # Errors
     /// A damaged place of the frames or the track; an invalid mount; a file that cannot be written.
-    pub fn write(&self, path: impl AsRef<Path>) -> Result<RecordingSummary, ImportError> {
-        let mut writer = RecordingWriter::create(path, &self.header)?;
+    pub fn write(&self, path: impl AsRef<Path>, existing: Existing) -> Result<RecordingSummary, ImportError> {
+        let mut writer = RecordingWriter::create(path, &self.header, existing)?;
         let (mut frames, mut poses) = (Span::default(), Span::default());
         let mut no_rotations = NoRotations::default();
         for event in self.events() {
@@ -286,7 +286,7 @@ mod tests {
         assert_eq!(poses.len(), 354);
         assert_eq!((poses[0].time_ns, poses[0].position_m[2]), (5_508_000_000, -0.479641));
         let file = TestFile::new();
-        let written = import.write(&file.0).unwrap();
+        let written = import.write(&file.0, Existing::Replace).unwrap();
         let mut recording = Recording::open(&file.0).unwrap();
         let events: Vec<Event> = recording.by_ref().collect();
         assert!(recording.damage().is_none());
@@ -329,7 +329,7 @@ mod tests {
         let track = TestFile::with(b"# head\n\n0.1 0 0 0 0 0 0 1\n0.2 0 0\n");
         let import = import_h5(&frames, Some(&track.0), &ImportOptions::default()).unwrap();
         let file = TestFile::new();
-        let error = import.write(&file.0).unwrap_err().to_string();
+        let error = import.write(&file.0, Existing::Replace).unwrap_err().to_string();
         assert!(error.contains("line 4: 3 columns instead of 8") && !file.0.exists(), "{error}");
         assert!(matches!(import.events().last(), Some(Err(ImportError::TrackLine { line: 4, .. }))));
     }

@@ -35,13 +35,14 @@
 //!
 //! ```
 //! use radar_mapping::Event;
-//! use radar_recording::{Header, Recording, RecordingWriter};
+//! use radar_recording::{Existing, Header, Recording, RecordingWriter};
 //! use radar_sar::PoseSample;
 //! use radar_sar::geometry::Pose;
 //!
 //! let path = std::env::temp_dir().join(format!("radar-recording-{}.mcap", std::process::id()));
 //! let config = a121::preset("d16").expect("a preset");
-//! let mut writer = RecordingWriter::create(&path, &Header::new("an example", config, Pose::IDENTITY))?;
+//! let header = Header::new("an example", config, Pose::IDENTITY);
+//! let mut writer = RecordingWriter::create(&path, &header, Existing::Replace)?;
 //! let pose = Event::Pose(PoseSample::valid(1_000_000_000, &Pose::IDENTITY));
 //! writer.write(&pose)?;
 //! writer.finish()?;
@@ -95,5 +96,5 @@ pub use results::{BeamCone, ResultsCounters, ResultsWriter, Snapshot};
 pub use small_file::{MAX_SMALL_BYTES, read_small_text};
 pub use summary::{RecordingSummary, SparsePoses, StreamSummary};
 pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};
-pub use whole_file::{Readers, WholeFile, create_new, remove_unfinished, write_whole, write_whole_through_links};
+pub use whole_file::{Existing, Readers, WholeFile, remove_unfinished, write_whole, write_whole_through_links};
 pub use writer::RecordingWriter;

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::whole_file::{Readers, write_whole};
+use super::whole_file::{Existing, Readers, write_whole};
 use radar_mapping::{SavedMap, SavedMapError};
 use radar_sar::geometry::Pose;
 
@@ -180,7 +180,7 @@ impl MapFile {
     pub fn write(&self, path: &Path) -> Result<(), MapFileError> {
         let error = io_error("write", path);
         let content = serde_json::to_vec(self).map_err(|source| error(source.into()))?;
-        write_whole(path, &with_checksum(&content), Readers::Owner).map_err(error)
+        write_whole(path, &with_checksum(&content), Readers::Owner, Existing::Replace).map_err(error)
     }
 }
 

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use glam::{DQuat, DVec3};
 use num_complex::Complex;
 
-use super::{Header, RecordingWriter};
+use super::{Existing, Header, RecordingWriter};
 use a121::{Frame, preset};
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
@@ -107,7 +107,7 @@ pub fn events(seconds: i64) -> Vec<Event> {
 /// The bytes of a recording of these events.
 pub fn recorded(events: &[Event]) -> Vec<u8> {
     let file = TestFile::new();
-    let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
+    let mut writer = RecordingWriter::create(&file.0, &header(), Existing::Replace).unwrap();
     for event in events {
         writer.write(event).unwrap();
     }

@@ -21,7 +21,7 @@ use super::message::{
     HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_hands,
     encode_pose,
 };
-use super::whole_file::{Readers, WholeFile, create_new, sync_folder};
+use super::whole_file::{Existing, Readers, WholeFile, create_new, sync_folder};
 use super::{RecordingError, RecordingSummary};
 use a121::Frame;
 use radar_mapping::HandsSample;
@@ -107,7 +107,10 @@ impl Place {
     /// Passes what was written to the disk, under the recording's name.
     fn keep(self, storage: &dyn Storage) -> io::Result<()> {
         match self {
-            Self::Beside(whole) => storage.sync_all().and_then(|()| whole.rename()),
+            Self::Beside(whole) => {
+                storage.sync_all()?;
+                whole.rename()
+            }
             Self::Live(sync) => sync.finish().and_then(|()| storage.sync_all()),
         }
     }
@@ -131,15 +134,16 @@ pub struct RecordingWriter {
 }
 
 impl RecordingWriter {
-    /// A recording that appears under its name, in place of what is there, when it is finished; until then it is a neighbour.
+    /// A recording that appears under its name when it is finished; until then it is a neighbour.
     ///
     /// # Errors
     /// A header that could not be read back (a broken rule, a number that is not finite), or a file
     /// that cannot be written.
-    pub fn create(path: impl AsRef<Path>, header: &Header) -> Result<Self, RecordingError> {
+    pub fn create(path: impl AsRef<Path>, header: &Header, existing: Existing) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         header.check_readable()?;
-        let (whole, file) = WholeFile::create(path, Readers::Usual).map_err(|source| create_error(path, source))?;
+        let (whole, file) =
+            WholeFile::create(path, Readers::Usual, existing).map_err(|source| create_error(path, source))?;
         Self::start(path, Place::Beside(whole), Box::new(file), header).map_err(|error| write_error(path, error))
     }
 
@@ -456,7 +460,7 @@ mod tests {
     #[test]
     fn writer_summary_equals_read_summary() {
         let file = TestFile::new();
-        let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
+        let mut writer = RecordingWriter::create(&file.0, &header(), Existing::Replace).unwrap();
         for event in &events(3) {
             writer.write(event).unwrap();
         }
@@ -465,7 +469,8 @@ mod tests {
 
     #[test]
     fn unwritable_path_is_named() {
-        let error = RecordingWriter::create("/no/such/folder/x.mcap", &header()).err().unwrap().to_string();
+        let error =
+            RecordingWriter::create("/no/such/folder/x.mcap", &header(), Existing::Replace).err().unwrap().to_string();
         assert!(error.contains("cannot create /no/such/folder/x.mcap"), "{error}");
     }
 }

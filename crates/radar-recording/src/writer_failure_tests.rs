@@ -68,7 +68,7 @@ fn record(file: &TestFile, is_live: bool, disk: impl Fn(File) -> FailingDisk, ev
             (Place::Live(DiskSync::of(&file.0).unwrap()), handle)
         }
         false => {
-            let (whole, handle) = WholeFile::create(&file.0, Readers::Usual).unwrap();
+            let (whole, handle) = WholeFile::create(&file.0, Readers::Usual, Existing::Keep).unwrap();
             (Place::Beside(whole), handle)
         }
     };

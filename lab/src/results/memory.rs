@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Extent, Page};
 use radar_chaperone::report::Table;
-use radar_recording::{Header, RecordingWriter};
+use radar_recording::{Existing, Header, RecordingWriter};
 use radar_sar::geometry::Pose;
 use radar_sar::{PoseSample, TrackingResult};
 
@@ -152,7 +152,8 @@ impl Swelling {
     fn write(&self, path: &Path) -> Result<()> {
         const PERIOD_NS: i64 = 15_000_000;
         let config = preset("d16").context("d16 is a preset")?;
-        let mut writer = RecordingWriter::create(path, &Header::new(self.name, config, Pose::IDENTITY))?;
+        let mut writer =
+            RecordingWriter::create(path, &Header::new(self.name, config, Pose::IDENTITY), Existing::Replace)?;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for n in 0..self.frames.max(self.poses) {
             let time_ns = n as i64 * PERIOD_NS;

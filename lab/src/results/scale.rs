@@ -13,7 +13,7 @@ use super::peers::POINTS;
 use super::{DenseJob, Extent, Page};
 use radar_chaperone::report::Table;
 use radar_mapping::{Mapper, MappingSettings};
-use radar_recording::{Header, MapFile, Recording, RecordingWriter};
+use radar_recording::{Existing, Header, MapFile, Recording, RecordingWriter};
 use radar_sar::Statistic;
 use radar_sar::geometry::Pose;
 use radar_sar::math;
@@ -121,8 +121,8 @@ impl House {
         let scenario = |room: usize| {
             Scenario::new("furnished-room", "natural", config.clone(), self.seconds_per_room, SEED + room as u64)
         };
-        let mut writer =
-            RecordingWriter::create(path, &Header::new("house", config.clone(), scenario(0).head_from_sensor))?;
+        let header = Header::new("house", config.clone(), scenario(0).head_from_sensor);
+        let mut writer = RecordingWriter::create(path, &header, Existing::Replace)?;
         for room in 0..self.rooms {
             let simulated = scenario(room).run()?;
             let later_ns = (room as f64 * (self.seconds_per_room + WALK_S) * 1e9) as i64;

@@ -6,7 +6,7 @@ use std::path::Path;
 use prost::Message;
 
 use super::super::writer::Topic;
-use super::super::{Header, RecordingError, RecordingSummary, RecordingWriter};
+use super::super::{Existing, Header, RecordingError, RecordingSummary, RecordingWriter};
 use super::beam::BeamCone;
 use super::figures::{DESCRIPTORS, SCHEMA, figures};
 use super::outlines::scene_dots;
@@ -37,13 +37,18 @@ impl ResultsWriter {
     /// Number of evidence voxels that are written at most.
     pub const MAX_EVIDENCE: usize = EvidenceTopic::MAX_VOXELS;
 
-    /// Creates or truncates the file and writes the header.
+    /// A file that appears under its name when it is finished.
     ///
     /// # Errors
     /// A header that could not be read back, or a file that cannot be written.
-    pub fn create(path: impl AsRef<Path>, header: &Header, beam: BeamCone) -> Result<Self, RecordingError> {
+    pub fn create(
+        path: impl AsRef<Path>,
+        header: &Header,
+        beam: BeamCone,
+        existing: Existing,
+    ) -> Result<Self, RecordingError> {
         Ok(Self {
-            recording: RecordingWriter::create(path, header)?,
+            recording: RecordingWriter::create(path, header, existing)?,
             once: OnceTopics::new(beam),
             scene: SceneTopic::new(),
             points: DotsTopic::new(24, "/scene/points"),
@@ -134,7 +139,7 @@ mod tests {
 
     fn written(events: &[Event], scene: impl Fn(i64) -> Scene) -> TestFile {
         let file = TestFile::new();
-        let mut writer = ResultsWriter::create(&file.0, &header(), BEAM).unwrap();
+        let mut writer = ResultsWriter::create(&file.0, &header(), BEAM, Existing::Replace).unwrap();
         let evidence = Evidence { voxel_m: 0.05, voxels: vec![(Vec3::X, 3.0), (Vec3::Y, 2.0)] };
         for event in events {
             writer.write(event).unwrap();
