@@ -8,7 +8,7 @@ use a121::find::Candidate;
 use a121::{Calibration, Event, Frame, LinkRequirement, LogLine, SensorConfig, Setup, SystemInfo};
 use anyhow::{Context, Result, anyhow, bail};
 use indicatif::ProgressBar;
-use radar_recording::{Existing, Readers, write_whole_through_links};
+use radar_recording::{Existing, Readers, RecordingError, write_whole_through_links};
 use radar_sar::geometry::Pose;
 
 use super::board_messages::BoardMessages;
@@ -292,6 +292,13 @@ impl<'a> FrameIntake<'a> {
             }
             Ok(None) if done.is_ok() => outln!("Nothing was recorded: it ended before the sensor was set up")?,
             Ok(None) => {}
+            // It states itself where the recording is.
+            Err(error) if is_elsewhere(&error) => {
+                return Err(match done {
+                    Ok(()) => error,
+                    Err(first) => error.context(format!("{first:#}")),
+                });
+            }
             Err(error) => done = done.and(Err(error)),
         }
         done.with_context(|| match has_file {
@@ -299,6 +306,10 @@ impl<'a> FrameIntake<'a> {
             false => "nothing was recorded".to_owned(),
         })
     }
+}
+
+fn is_elsewhere(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(RecordingError::Renamed(_) | RecordingError::Displaced { .. }))
 }
 
 fn write_calibrations(path: &Path, calibrations: &[Calibration]) -> Result<()> {

@@ -166,6 +166,29 @@ fn signals_end_the_recording_without_damage() {
 
 #[test]
 #[cfg(unix)]
+fn a_recording_that_is_removed_or_replaced_is_kept_under_another_name() {
+    let folder = Folder::new("record_displaced");
+    for (out, copy) in [("removed.mcap", "removed-2.mcap"), ("replaced.mcap", "replaced-2.mcap")] {
+        let mut program = Command::new(crate::PROGRAM);
+        program.stderr(Stdio::piped());
+        let mut child = recording(&folder, &mut program, out);
+        wait_for_bytes(&folder, out, 100_000);
+        std::fs::remove_file(folder.path(out)).unwrap();
+        if out == "replaced.mcap" {
+            folder.write(out, "theirs");
+        }
+        send("-INT", &child);
+        assert_eq!(child.0.wait().unwrap().code(), Some(1));
+        let message = std::io::read_to_string(child.0.stderr.take().unwrap()).unwrap();
+        assert!(message.contains(&format!("while it was recorded: the complete recording is in {copy}")), "{message}");
+        assert!(!message.contains("ended early"), "{message}");
+        folder.run(&format!("info {copy}")).succeeds().prints("Damage     none").prints("no gaps");
+    }
+    assert_eq!(folder.read("replaced.mcap"), b"theirs");
+}
+
+#[test]
+#[cfg(unix)]
 fn a_recording_by_nohup_outlives_its_terminal() {
     let folder = Folder::new("record_nohup");
     // What `nohup` does: the program inherits that the signal is ignored.

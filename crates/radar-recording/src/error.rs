@@ -21,6 +21,17 @@ pub enum RecordingError {
     /// A new recording would replace a file.
     #[error("{0} is there already: choose another name, or remove it")]
     AlreadyThere(PathBuf),
+    /// A live recording was given another name by others.
+    #[error("{0} was renamed or moved while it was recorded: the recording is complete under its new name")]
+    Renamed(PathBuf),
+    /// A live recording was removed or replaced by others.
+    #[error("{path} was removed or replaced while it was recorded: the complete recording is in {copy}")]
+    Displaced {
+        /// Its name.
+        path: PathBuf,
+        /// Where the recording is now.
+        copy: PathBuf,
+    },
     /// A directory or device instead of a file.
     #[error("{0} is a folder or a device: give the recording's file")]
     NotAFile(PathBuf),

@@ -68,6 +68,7 @@ mod error;
 mod foxglove_messages;
 mod header;
 mod import;
+mod live_file;
 mod map_file;
 mod message;
 mod reader;

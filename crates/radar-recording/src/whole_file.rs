@@ -122,7 +122,7 @@ fn rename_new(from: &Path, to: &Path) -> io::Result<()> {
 }
 
 /// Makes a file of the first free name beside `path`: its own with a number.
-fn first_free(path: &Path, make: impl Fn(&Path) -> io::Result<()>) -> io::Result<PathBuf> {
+pub(super) fn first_free(path: &Path, make: impl Fn(&Path) -> io::Result<()>) -> io::Result<PathBuf> {
     const MAX_NUMBER: u32 = 10_000;
     const MAX_EXTENSION_BYTES: usize = 40;
     let text = |name: Option<&OsStr>| name.unwrap_or_default().to_string_lossy().into_owned();
@@ -230,7 +230,7 @@ pub fn write_whole_through_links(path: &Path, bytes: &[u8], readers: Readers, ex
 /// It is there already, or the system refuses.
 pub(super) fn create_new(path: &Path, readers: Readers) -> io::Result<File> {
     let mut options = OpenOptions::new();
-    options.write(true).create_new(true);
+    options.read(true).write(true).create_new(true);
     #[cfg(unix)]
     if readers == Readers::Owner {
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);

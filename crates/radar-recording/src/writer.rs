@@ -16,12 +16,13 @@ use mcap::{Compression, McapError, McapResult, WriteOptions};
 use super::disk_sync::DiskSync;
 use super::foxglove_messages::{hand_pose, head_transform, mount_transform};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
+use super::live_file::{LiveFile, Whereabouts};
 use super::message::{
     DESCRIPTORS, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA, HANDS_TOPIC,
     HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_hands,
     encode_pose,
 };
-use super::whole_file::{Existing, Readers, WholeFile, create_new, sync_folder};
+use super::whole_file::{Existing, Readers, WholeFile};
 use super::{RecordingError, RecordingSummary};
 use a121::Frame;
 use radar_mapping::HandsSample;
@@ -100,18 +101,23 @@ enum Place {
     /// Beside its name.
     Beside(WholeFile),
     /// Under its name, passed to the disk again and again.
-    Live(DiskSync),
+    Live(LiveFile, DiskSync),
 }
 
 impl Place {
     /// Passes what was written to the disk, under the recording's name.
-    fn keep(self, storage: &dyn Storage) -> io::Result<()> {
+    fn keep(self, storage: &dyn Storage) -> io::Result<Whereabouts> {
         match self {
             Self::Beside(whole) => {
                 storage.sync_all()?;
-                whole.rename()
+                whole.rename()?;
+                Ok(Whereabouts::There)
             }
-            Self::Live(sync) => sync.finish().and_then(|()| storage.sync_all()),
+            Self::Live(file, sync) => {
+                sync.finish()?;
+                storage.sync_all()?;
+                file.keep()
+            }
         }
     }
 }
@@ -155,9 +161,8 @@ impl RecordingWriter {
         let path = path.as_ref();
         header.check_readable()?;
         let create = || {
-            let file = create_new(path, Readers::Owner)?;
-            sync_folder(path);
-            Ok((Place::Live(DiskSync::of(path)?), file))
+            let (live, file) = LiveFile::create(path)?;
+            Ok((Place::Live(live, DiskSync::of(path)?), file))
         };
         let (place, file) = create().map_err(|source| create_error(path, source))?;
         Self::start(path, place, Box::new(file), header).map_err(|error| write_error(path, error))
@@ -282,7 +287,7 @@ impl RecordingWriter {
     /// # Errors
     /// The system refuses the bytes, or the disk refused earlier ones.
     pub fn flush(&mut self) -> Result<(), RecordingError> {
-        let synced = |place: &Place| if let Place::Live(sync) = place { sync.request() } else { Ok(()) };
+        let synced = |place: &Place| if let Place::Live(_, sync) = place { sync.request() } else { Ok(()) };
         let flushed = self.output.flush().and_then(|()| Ok(synced(&self.place)?));
         flushed.map_err(|error| write_error(&self.path, error))
     }
@@ -290,12 +295,15 @@ impl RecordingWriter {
     /// Writes the index, ends the file and passes it to the disk; returns a summary.
     ///
     /// # Errors
-    /// The system refuses the bytes.
+    /// The system refuses the bytes. The name leads elsewhere now: the error states where the recording is.
     pub fn finish(self) -> Result<RecordingSummary, RecordingError> {
         let Self { path, place, output, summary, .. } = self;
         let kept = output.end(&summary.header).and_then(|storage| Ok(place.keep(&*storage)?));
-        kept.map_err(|error| write_error(&path, error))?;
-        Ok(summary)
+        match kept.map_err(|error| write_error(&path, error))? {
+            Whereabouts::There => Ok(summary),
+            Whereabouts::Renamed => Err(RecordingError::Renamed(path)),
+            Whereabouts::Copied(copy) => Err(RecordingError::Displaced { path, copy }),
+        }
     }
 
     /// Starts a new chunk if necessary, writes the header before it if a copy is due, and the mount before the first event.

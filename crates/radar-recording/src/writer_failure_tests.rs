@@ -64,8 +64,8 @@ impl Storage for FailingDisk {
 fn record(file: &TestFile, is_live: bool, disk: impl Fn(File) -> FailingDisk, events: &[Event]) -> (usize, bool) {
     let (place, handle) = match is_live {
         true => {
-            let handle = create_new(&file.0, Readers::Owner).unwrap();
-            (Place::Live(DiskSync::of(&file.0).unwrap()), handle)
+            let (live, handle) = LiveFile::create(&file.0).unwrap();
+            (Place::Live(live, DiskSync::of(&file.0).unwrap()), handle)
         }
         false => {
             let (whole, handle) = WholeFile::create(&file.0, Readers::Usual, Existing::Keep).unwrap();

@@ -1,0 +1,112 @@
+//! A file that stands under its name while it is written, and what becomes of it when the name is taken away meanwhile.
+
+use std::fs::File;
+use std::io::{self, Seek};
+use std::path::{Path, PathBuf};
+
+use same_file::Handle;
+
+use super::whole_file::{Readers, create_new, first_free, sync_folder};
+
+/// The file, whatever its name leads to.
+#[derive(Debug)]
+pub(super) struct LiveFile {
+    path: PathBuf,
+    file: Handle,
+}
+
+/// Where a live file is when it is complete.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Whereabouts {
+    /// Under its name.
+    There,
+    /// Under another name, which it was given by others.
+    Renamed,
+    /// It was removed or replaced: this is a copy.
+    Copied(PathBuf),
+}
+
+impl LiveFile {
+    /// A new file, readable by the user alone, and the handle to write to.
+    ///
+    /// # Errors
+    /// It is there already, or the system refuses.
+    pub fn create(path: &Path) -> io::Result<(Self, File)> {
+        let file = create_new(path, Readers::Owner)?;
+        sync_folder(path);
+        Ok((Self { path: path.to_owned(), file: Handle::from_file(file.try_clone()?)? }, file))
+    }
+
+    /// Where the complete file is; one that has lost its last name is copied to a free one.
+    ///
+    /// # Errors
+    /// It cannot be copied.
+    pub fn keep(self) -> io::Result<Whereabouts> {
+        match Handle::from_path(&self.path) {
+            Ok(there) if there == self.file => return Ok(Whereabouts::There),
+            // Whether it is there cannot be seen.
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Ok(Whereabouts::There),
+            _ if has_name(self.file.as_file())? => return Ok(Whereabouts::Renamed),
+            _ => {}
+        }
+        let copied = first_free(&self.path, |name| {
+            let mut copy = create_new(name, Readers::Owner)?;
+            let mut file = self.file.as_file();
+            file.rewind()?;
+            io::copy(&mut file, &mut copy)?;
+            copy.sync_all()
+        })?;
+        sync_folder(&copied);
+        Ok(Whereabouts::Copied(copied))
+    }
+}
+
+#[cfg(unix)]
+fn has_name(file: &File) -> io::Result<bool> {
+    Ok(std::os::unix::fs::MetadataExt::nlink(&file.metadata()?) > 0)
+}
+
+/// Elsewhere nothing shows it, and a copy too many is the lesser harm.
+#[cfg(not(unix))]
+fn has_name(_: &File) -> io::Result<bool> {
+    Ok(false)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::fs;
+    use std::io::Write;
+
+    use super::*;
+    use crate::test_files::TestFile;
+
+    #[test]
+    fn a_file_that_loses_its_name_is_kept() {
+        let folder = TestFile::new().0.clone();
+        fs::create_dir_all(&folder).unwrap();
+        let (path, other, copy) = (folder.join("r.mcap"), folder.join("other.mcap"), folder.join("r-2.mcap"));
+        let harms: [(&dyn Fn(), Whereabouts); 4] = [
+            (&|| {}, Whereabouts::There),
+            (&|| fs::rename(&path, &other).unwrap(), Whereabouts::Renamed),
+            (&|| fs::remove_file(&path).unwrap(), Whereabouts::Copied(copy.clone())),
+            (&|| fs::write(&other, b"theirs").and_then(|()| fs::rename(&other, &path)).unwrap(), {
+                Whereabouts::Copied(copy.clone())
+            }),
+        ];
+        for (harm, expected) in harms {
+            let (live, mut file) = LiveFile::create(&path).unwrap();
+            file.write_all(b"recorded").unwrap();
+            harm();
+            let whereabouts = live.keep().unwrap();
+            assert_eq!(whereabouts, expected);
+            let kept = match &whereabouts {
+                Whereabouts::There => &path,
+                Whereabouts::Renamed => &other,
+                Whereabouts::Copied(copy) => copy,
+            };
+            assert_eq!(fs::read(kept).unwrap(), b"recorded");
+            [&path, &other, &copy].into_iter().for_each(|path| drop(fs::remove_file(path)));
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}
