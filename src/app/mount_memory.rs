@@ -32,13 +32,21 @@ impl MountMemory {
         kept.get(&self.headset).copied()
     }
 
-    /// Keeps it for the next session.
+    /// Keeps it for the next session. A damaged file is moved aside, in place of an earlier one.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// The file cannot be read, which may pass and would cost the other headsets' places; it cannot be moved or written.
     pub fn keep(&self, mount: &MountInUse) -> Result<()> {
-        // What cannot be read is replaced: it was logged when it was read.
-        let mut kept = read(&self.file).unwrap_or_default();
+        let mut kept = match read(&self.file) {
+            Err(error) if is_damage(&error) => {
+                let aside = self.file.with_extension("json.bad");
+                std::fs::rename(&self.file, &aside)
+                    .with_context(|| format!("cannot move the damaged {} aside", self.file.display()))?;
+                log::warn!("{error:#}: it is now {}, and the sensor's places are kept anew", aside.display());
+                BTreeMap::new()
+            }
+            kept => kept?,
+        };
         kept.insert(self.headset.clone(), *mount);
         let text = serde_json::to_string_pretty(&kept)?;
         write_whole(&self.file, (text + "\n").as_bytes(), Readers::Owner, Existing::Replace)
@@ -65,6 +73,12 @@ fn read(path: &Path) -> Result<BTreeMap<String, MountInUse>> {
         text => text.with_context(about)?,
     };
     serde_json::from_str(&text).with_context(about)
+}
+
+/// Whether the file was read and holds something else.
+fn is_damage(error: &anyhow::Error) -> bool {
+    let is_no_text = |error: &std::io::Error| error.kind() == ErrorKind::InvalidData;
+    error.is::<serde_json::Error>() || error.downcast_ref().is_some_and(is_no_text)
 }
 
 /// By how much the mount in use differs from the assumed one.
@@ -97,12 +111,22 @@ mod tests {
         quest.keep(&at(-0.01)).unwrap();
         index.keep(&at(0.04)).unwrap();
         assert_eq!([index.recall(), quest.recall()], [Some(at(0.04)), Some(at(-0.01))]);
-        for damage in ["", "{\"Index\": {\"assumed\": 3}}", "[1e999]"] {
+        for damage in ["", "{\"Index\": {\"assumed\": 3}}", "[1e999]", "{\"Index"] {
             std::fs::write(file_in(&folder), damage).unwrap();
             assert_eq!(index.recall(), None);
+            quest.keep(&at(0.01)).unwrap();
+            assert_eq!(quest.recall(), Some(at(0.01)));
+            assert_eq!(
+                std::fs::read(folder.join("mounts.json.bad")).unwrap(),
+                damage.as_bytes(),
+                "what was there is gone"
+            );
         }
-        quest.keep(&at(0.01)).unwrap();
-        assert_eq!(quest.recall(), Some(at(0.01)));
+        // Something that cannot be read at all stays as it is.
+        std::fs::remove_file(file_in(&folder)).unwrap();
+        std::fs::create_dir(file_in(&folder)).unwrap();
+        quest.keep(&at(0.01)).unwrap_err();
+        assert!(file_in(&folder).is_dir());
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }
