@@ -4,6 +4,7 @@ use std::fs;
 use std::io::Write;
 use std::path::Path;
 
+use radar_recording::{Existing, Readers, WholeFile};
 use toml_edit::{DocumentMut, Item, Table, Value};
 
 /// The text with one value changed; a missing value or table is added. `None`: the text is not
@@ -51,23 +52,12 @@ pub(super) fn replace(path: &Path, text: &str) -> std::io::Result<()> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder)?;
     }
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{}.new", std::process::id()));
-    let beside = path.with_file_name(name);
-    let written = write(&beside, path, text).and_then(|()| fs::rename(&beside, path));
-    if written.is_err() {
-        let _ = fs::remove_file(&beside);
-    }
-    written
-}
-
-fn write(beside: &Path, path: &Path, text: &str) -> std::io::Result<()> {
-    let mut file = fs::File::create(beside)?;
+    let (whole, mut file) = WholeFile::create(path, Readers::Usual, Existing::Replace)?;
     if let Ok(metadata) = fs::metadata(path) {
         file.set_permissions(metadata.permissions())?;
     }
     file.write_all(text.as_bytes())?;
-    file.sync_all()
+    whole.finish(&file)
 }
 
 #[cfg(test)]
