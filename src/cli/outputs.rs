@@ -78,7 +78,7 @@ impl CommandFiles {
             }
             replaced.push(output);
         }
-        Ok(Outputs { replaced })
+        Ok(Outputs { replaced, is_forced })
     }
 
     fn check_distinct(&self) -> Result<()> {
@@ -102,12 +102,16 @@ impl CommandFiles {
 #[derive(Debug)]
 pub(super) struct Outputs {
     replaced: Vec<PathBuf>,
+    is_forced: bool,
 }
 
 impl Outputs {
-    /// What becomes of a file that is there: one that has appeared since the check stays.
+    /// What becomes of a file that is there: without --force, one that has appeared since the check stays.
     pub fn existing(&self, output: &Path) -> Existing {
-        if self.replaced.iter().any(|path| path == output) { Existing::Replace } else { Existing::Keep }
+        match self.is_forced || self.replaced.iter().any(|path| path == output) {
+            true => Existing::Replace,
+            false => Existing::Keep,
+        }
     }
 
     /// Writes a whole file, and makes its folder if need be.

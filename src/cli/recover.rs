@@ -1,6 +1,6 @@
 //! `radar-chaperone recover FILE --out NEW`: saves what is readable of a damaged recording.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;

@@ -241,6 +241,9 @@ impl Track {
         if std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
             return File::options().write(true).open(path);
         }
+        if existing == Existing::Keep {
+            return File::create_new(path);
+        }
         // As everywhere, a link that the user names stays.
         let path = &path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let (whole, file) = WholeFile::create(path, Readers::Usual, existing)?;
