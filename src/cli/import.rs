@@ -11,7 +11,7 @@ use super::outputs::{CommandFiles, ReplaceArgument, never};
 use crate::app::limit_memory_of_this_process;
 use radar_recording::{ImportOptions, import_h5, remove_unfinished};
 use radar_sar::HistorySettings;
-use radar_sar::geometry::Pose;
+use radar_sar::geometry::{Pose, mount};
 
 /// Limit of the process that reads the file, bytes. Choice: the gibibyte that a file may have, and as much for all else and what the
 /// allocator reserves.
@@ -95,7 +95,8 @@ impl Import {
             options.head_from_sensor = parse_mount(mount)?;
         }
         if let Some(pose) = &self.fixed_pose {
-            options.fixed_pose = Some(parse_pose("pose", pose)?);
+            let (position_m, quaternion_xyzw) = parse_numbers("pose", pose)?;
+            options.fixed_pose = Some(Pose::try_new(position_m, quaternion_xyzw)?);
         }
         let summary =
             import_h5(&self.frames, self.poses.as_deref(), &options)?.write(&self.out, outputs.existing(&self.out))?;
@@ -110,15 +111,16 @@ impl Import {
 
 /// Parses the mount: `x,y,z` or `x,y,z,qx,qy,qz,qw`.
 pub(super) fn parse_mount(text: &str) -> Result<Pose> {
-    parse_pose("mount", text)
+    let (position_m, quaternion_xyzw) = parse_numbers("mount", text)?;
+    mount(position_m, quaternion_xyzw).with_context(|| format!("--mount {text}"))
 }
 
-/// Parses `x,y,z` or `x,y,z,qx,qy,qz,qw`; `what` is its name in the error.
-fn parse_pose(what: &str, text: &str) -> Result<Pose> {
+/// Parses `x,y,z` or `x,y,z,qx,qy,qz,qw` into position and quaternion; `what` is its name in the error.
+fn parse_numbers(what: &str, text: &str) -> Result<([f64; 3], [f64; 4])> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {
-        Some(&[x, y, z]) => Ok(Pose::try_new([x, y, z], [0.0, 0.0, 0.0, 1.0])?),
-        Some(&[x, y, z, qx, qy, qz, qw]) => Ok(Pose::try_new([x, y, z], [qx, qy, qz, qw])?),
+        Some(&[x, y, z]) => Ok(([x, y, z], [0.0, 0.0, 0.0, 1.0])),
+        Some(&[x, y, z, qx, qy, qz, qw]) => Ok(([x, y, z], [qx, qy, qz, qw])),
         _ => Err(anyhow!("\"{text}\" is no {what}: give x,y,z or x,y,z,qx,qy,qz,qw, numbers in metres")),
     }
 }

@@ -128,6 +128,10 @@ fn impossible_scenarios_are_refused() {
         ("nothing --snr-db 1e9", "give −100 to 100 dB"),
         ("nothing --mount 1,2", "\"1,2\" is no mount: give x,y,z or x,y,z,qx,qy,qz,qw"),
         ("nothing --mount nan,0,0", "is not finite"),
+        (
+            "nothing --mount 1000,0,0",
+            "--mount 1000,0,0: the sensor is [1000.0, 0.0, 0.0] m from the head: give at most 10 m",
+        ),
         ("nothing --mount 0,0,0,0,0,0,0", "has length zero: it defines no rotation"),
         ("nothing --time-offset-s nan", "a time offset of NaN s cannot be simulated: give −10 to 10 s"),
         ("nothing --time-offset-s 1e9", "a time offset of 1000000000 s cannot be simulated"),

@@ -60,6 +60,7 @@ fn impossible_arguments_are_refused_before_anything_is_opened() {
         ("--out r.mcap --baud 9600", "9600 is not in 115200.."),
         ("--out r.mcap --sensor 6", "6 is not in 1..=5"),
         ("--out r.mcap --mount left", "\"left\" is no mount"),
+        ("--out r.mcap --mount 100,0,0", "--mount 100,0,0: the sensor is [100.0, 0.0, 0.0] m from the head"),
         ("--out r.mcap --poses .", ". is a folder or a device"),
         ("--out r.mcap --calibration no.json", "no.json is no calibration"),
         ("--out r.mcap --calibration .", ". is a folder: give the file to write"),

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::damaged_places::MAX_HEADER_BYTES;
 use super::{MAX_SMALL_BYTES, RecordingError};
 use a121::SensorConfig;
-use radar_sar::geometry::Pose;
+use radar_sar::geometry::{self, Pose};
 use radar_sar::truth::Truth;
 
 /// Version of the format that is written; all versions up to it are read. Since 2, header and truth have a checksum, stand in the
@@ -24,8 +24,6 @@ pub(super) const TRUTH_RECORD: &str = "radar_chaperone.truth";
 const TRUTH_KEY: &str = "truth";
 /// Key of the checksum of all other fields.
 const CHECKSUM_KEY: &str = "crc32";
-/// Farthest that a sensor may be from what is tracked, in each axis, metres. Choice: a vehicle's length; a head is smaller.
-const MAX_MOUNT_M: f64 = 10.0;
 /// Distances between neighbouring range points that are possible, metres. Source: the A121's is 2.5 mm.
 const BASE_STEPS_M: RangeInclusive<f64> = 1e-3..=10e-3;
 /// Keys of the header but the checksum's.
@@ -221,12 +219,8 @@ fn version(version: &str) -> Result<u32, RecordingError> {
 /// Checks the mount and keeps its bits: the quaternion is not normalised again.
 fn mount(numbers: MountNumbers) -> Result<Pose, RecordingError> {
     let MountNumbers { position_m, quaternion_xyzw } = numbers;
-    Pose::try_new(position_m, quaternion_xyzw).map_err(|error| unusable("head_from_sensor", error.to_string()))?;
+    geometry::mount(position_m, quaternion_xyzw).map_err(|error| unusable("head_from_sensor", error.to_string()))?;
     let rotation = DQuat::from_array(quaternion_xyzw);
-    if position_m.iter().any(|m| m.abs() > MAX_MOUNT_M) {
-        let reason = format!("the sensor is {position_m:?} m from the head: give at most {MAX_MOUNT_M} m in each axis");
-        return Err(unusable("head_from_sensor", reason));
-    }
     if (rotation.length() - 1.0).abs() > 1e-6 {
         let reason = format!("quaternion (x y z w) {quaternion_xyzw:?} has length {}: make it 1", rotation.length());
         return Err(unusable("head_from_sensor", reason));
