@@ -1,6 +1,8 @@
 //! Folders of the user's files.
 
-use std::path::{MAIN_SEPARATOR, PathBuf};
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::path::{MAIN_SEPARATOR, Path, PathBuf};
 
 /// This program's folder in the user's home, by the platform's conventions.
 pub fn user_folder(variable: &str, below_home: &str) -> Option<PathBuf> {
@@ -11,6 +13,19 @@ pub fn user_folder(variable: &str, below_home: &str) -> Option<PathBuf> {
         named(variable).or_else(|| named("HOME").map(|home| home.join(below_home)))
     };
     folder.map(|folder| folder.join("radar-chaperone"))
+}
+
+/// Opens a file of this program for writing, which need not exist.
+///
+/// # Errors
+/// The system refuses; it is a folder, a device or a pipe: opening a pipe would wait for another program, perhaps for ever.
+pub fn open_own_file(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
+    match std::fs::metadata(path) {
+        Ok(there) if !there.is_file() => {
+            Err(io::Error::other("it is a folder, a device or a pipe, not a file: remove it"))
+        }
+        _ => options.create(true).open(path),
+    }
 }
 
 /// A text for others to read: the home folder is `~` in it, and folders that bear the user's name are `USER`.

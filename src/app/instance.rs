@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
-use super::folders::user_folder;
+use super::folders::{open_own_file, user_folder};
 
 /// Held while this program runs with SteamVR. The system releases the lock however the program
 /// ends.
@@ -19,7 +19,7 @@ impl Instance {
     pub fn claim() -> Result<Self> {
         let path = lock_path()?;
         let about = || format!("cannot write {}", path.display());
-        let lock = OpenOptions::new().create(true).truncate(false).write(true).open(&path).with_context(about)?;
+        let lock = open_own_file(OpenOptions::new().truncate(false).write(true), &path).with_context(about)?;
         match lock.try_lock() {
             Ok(()) => Ok(Self { _lock: lock }),
             Err(TryLockError::WouldBlock) => {

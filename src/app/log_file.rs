@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
-use super::folders::user_folder;
+use super::folders::{open_own_file, user_folder};
 use super::printable;
 
 /// Largest file, bytes; then it becomes the older one. Choice: thousands of lines, which a mail still takes.
@@ -25,7 +25,7 @@ struct LogFile {
 
 impl LogFile {
     fn open(path: PathBuf) -> io::Result<Self> {
-        let file = OpenOptions::new().create(true).append(true).open(&path)?;
+        let file = open_own_file(OpenOptions::new().append(true), &path)?;
         let bytes = file.metadata()?.len();
         Ok(Self { path, file, bytes })
     }
@@ -52,7 +52,9 @@ fn older(path: &Path) -> PathBuf {
 pub fn begin_log_file() -> io::Result<()> {
     let folder = user_folder("XDG_STATE_HOME", ".local/state").ok_or(io::ErrorKind::NotFound)?;
     std::fs::create_dir_all(&folder)?;
-    let log = LogFile::open(folder.join(NAME))?;
+    let path = folder.join(NAME);
+    let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
+    let log = LogFile::open(path.clone()).map_err(named)?;
     *LOG.lock().unwrap_or_else(PoisonError::into_inner) = Some(log);
     let print = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -269,3 +269,25 @@ fn run_leaves_in_the_log_file_why_it_ended() {
     let lines: Vec<&str> = log.lines().filter(|line| line.contains("Z error: SteamVR is not installed")).collect();
     assert!(lines.len() == 2 && lines[0].starts_with("20"), "{log}");
 }
+
+#[cfg(unix)]
+#[test]
+fn run_waits_for_no_pipe_in_place_of_its_own_files() {
+    let folder = Folder::new("run_pipes");
+    let home = folder.path("");
+    let home = home.to_str().unwrap();
+    let variables = ["HOME", "XDG_STATE_HOME", "XDG_CONFIG_HOME"].map(|name| (name, home));
+    std::fs::create_dir(folder.path("radar-chaperone")).unwrap();
+    let [log, lock] = ["run.log", "run.lock"].map(|name| folder.path(&format!("radar-chaperone/{name}")));
+    assert!(Command::new("mkfifo").arg(&log).status().unwrap().success());
+    let outcome = folder.run_with("run", &variables).fails_with("SteamVR is not installed");
+    assert!(
+        outcome.err.contains("there is no log file") && outcome.err.contains("run.log: it is a folder"),
+        "{outcome:?}"
+    );
+    std::fs::remove_file(&lock).unwrap();
+    assert!(Command::new("mkfifo").arg(&lock).status().unwrap().success());
+    folder
+        .run_with("run", &variables)
+        .fails_with("run.lock: it is a folder, a device or a pipe, not a file: remove it");
+}
