@@ -19,7 +19,7 @@ use super::sensor_supervisor::{ChooseSensor, SensorSupervisor, SupervisorPlan};
 use super::session_report::{SessionReport, print_report};
 use super::session_view;
 use super::stop::stop_flag;
-use super::watchdog::Heartbeat;
+use super::watchdog::{Hang, Heartbeat};
 use super::welcome;
 use super::{Ending, FrameLoop, HeadsetReport, MapStore, SettingsStore, now_ns};
 use super::{raise_priority_of_this_thread, refine_timers};
@@ -163,8 +163,8 @@ impl SessionOptions {
         let done: Result<_> = std::thread::scope(|watched| {
             let _watch = WatchGuard(&heartbeat);
             let watch = || {
-                if heartbeat.watch(stop) {
-                    self.abandon_runtime(&supervisor, &sensor_end)
+                if let Some(hang) = heartbeat.watch(stop) {
+                    self.abandon(hang, &supervisor, &sensor_end)
                 }
             };
             Builder::new().name("watchdog".into()).spawn_scoped(watched, watch)?;
@@ -197,13 +197,13 @@ impl SessionOptions {
         self.end(&supervisor, &sensor_end, report)
     }
 
-    /// Ends the program while the runtime hangs: completes the recording and leaves the rest.
-    fn abandon_runtime(&self, supervisor: &SensorSupervisor, sensor_end: &SensorEnd) -> ! {
+    /// Ends the program although something hangs: completes the recording and leaves the rest.
+    fn abandon(&self, hang: Hang, supervisor: &SensorSupervisor, sensor_end: &SensorEnd) -> ! {
         supervisor.stop.store(true, Ordering::Relaxed);
         if let Err(error) = self.wait_for_sensor(sensor_end) {
             log::error!("{error:#}");
         }
-        log::error!("the VR runtime hangs: exiting without it");
+        log::error!("{hang}: exiting without it");
         exit_now(1)
     }
 
