@@ -148,7 +148,6 @@ impl WarningTracker {
         let now_ns = wearer.time_ns;
         let passed_s = self.passed_s(now_ns);
         self.update_states(now_ns, &body_model, settings);
-        self.drop_beyond_max();
         let changes: Vec<f64> = self.states.values().map(|state| state.change(passed_s, body_model.head_m)).collect();
         let sum: f64 = changes.iter().map(|change| change.abs()).sum();
         let slowed = (MAX_TOTAL_CHANGE_PER_S * passed_s / sum.max(1e-12)).min(1.0);
@@ -173,34 +172,25 @@ impl WarningTracker {
         }
     }
 
-    /// Updates wanted brightness and visual of every hazard.
+    /// Updates the wanted brightness of every hazard, and the visuals of those that are shown.
     fn update_states(&mut self, now_ns: i64, body_model: &BodyModel, settings: &WarningSettings) {
         let bodies = self.held.iter().map(|held| (Hazard::Object(&held.body), held.version));
         let walls = self.walls.iter().map(|(wall, version)| (Hazard::Wall(wall), *version));
-        let mut there = BTreeSet::new();
+        let mut there = BTreeMap::new();
         for (hazard, version) in bodies.chain(walls) {
-            there.insert(hazard.key());
-            let known = self.states.entry(hazard.key());
-            let state = known.or_insert_with(|| WarningState::new(version));
+            let state = self.states.entry(hazard.key()).or_insert_with(|| WarningState::new(version));
             state.update(now_ns, &hazard, version, body_model, settings);
-            if !state.is_over() {
-                state.update_visual(now_ns, &hazard, body_model, settings);
-            }
+            there.insert(hazard.key(), hazard);
         }
-        for (_, state) in self.states.iter_mut().filter(|(key, _)| !there.contains(key)) {
+        for (_, state) in self.states.iter_mut().filter(|(key, _)| !there.contains_key(key)) {
             state.mark_missing(now_ns);
         }
-    }
-
-    /// Only [`MAX_QUADS`] can be shown: the others fade out.
-    fn drop_beyond_max(&mut self) {
-        let rank = |state: &WarningState| state.wanted + if state.shown > 0.0 { SHOWN_BONUS } else { 0.0 };
-        let mut wanting: Vec<(f64, HazardKey)> =
-            self.states.iter().filter(|(_, t)| t.wanted > 0.0).map(|(key, state)| (rank(state), *key)).collect();
-        wanting.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        for (_, key) in wanting.iter().skip(MAX_QUADS) {
-            self.states.entry(*key).and_modify(|state| state.wanted = 0.0);
-        }
+        let draw = |key: &HazardKey, state: &mut WarningState| {
+            if let Some(hazard) = there.get(key) {
+                state.update_visual(now_ns, hazard, body_model, settings);
+            }
+        };
+        draw_most_urgent(&mut self.states, draw);
     }
 
     /// Shapes of the obstacles that have panels, in the order of the panels.
@@ -225,6 +215,25 @@ impl WarningTracker {
         (self.held, self.gone, self.walls) = (Vec::new(), Vec::new(), Vec::new());
         self.posture = PostureEstimator::default();
         self.states.values_mut().for_each(|state| state.drawn = None);
+    }
+}
+
+/// Only [`MAX_QUADS`] can be shown, those with something to draw: the others fade out. What stays dark is not drawn, since that
+/// takes most of a frame's time where many hazards are near.
+fn draw_most_urgent(states: &mut BTreeMap<HazardKey, WarningState>, draw: impl Fn(&HazardKey, &mut WarningState)) {
+    let rank = |state: &WarningState| state.wanted + if state.shown > 0.0 { SHOWN_BONUS } else { 0.0 };
+    let mut by_rank: Vec<(f64, HazardKey, &mut WarningState)> =
+        states.iter_mut().map(|(key, state)| (rank(state), *key, state)).filter(|(rank, ..)| *rank > 0.0).collect();
+    by_rank.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let mut count = 0;
+    for (_, key, state) in by_rank {
+        if count == MAX_QUADS {
+            state.wanted = 0.0;
+        }
+        if state.wanted > 0.0 || state.shown > 0.0 {
+            draw(&key, state);
+        }
+        count += usize::from(state.wanted > 0.0);
     }
 }
 
@@ -520,6 +529,19 @@ mod tests {
         let wide = alphas(&mut before_a_wall(0.35), 0..60, |_| DVec3::Y * 1.6);
         let full = wide.iter().position(|alpha| *alpha >= 0.95).unwrap() as f64 * FRAME_NS as f64 * 1e-9;
         assert!((0.2..0.3).contains(&full), "{full} s");
+    }
+
+    #[test]
+    fn only_what_can_be_shown_is_drawn() {
+        let turned = |n: u64| glam::DQuat::from_rotation_y(n as f64 * 0.62);
+        let post = |n: u64| {
+            let shape = (0..20).map(|i| (turned(n) * DVec3::new(0.0, f64::from(i) * 0.05, -1.2), 1.0)).collect();
+            Obstacle { position_m: turned(n) * DVec3::new(0.0, 0.5, -1.2), shape, ..column(n, 0.0) }
+        };
+        let mut tracker = WarningTracker::new();
+        let warnings = seen(&mut tracker, &scene(0.0, (0..10).map(post).collect()));
+        assert_eq!((warnings.panels.len(), tracker.states.len()), (MAX_QUADS, 10), "all are near enough");
+        assert_eq!(tracker.states.values().filter(|state| state.drawn.is_some()).count(), MAX_QUADS);
     }
 
     #[test]
