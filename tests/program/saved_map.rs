@@ -2,11 +2,11 @@
 //! not; and hands in a recording.
 
 use a121::preset;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use radar_mapping::Event;
 use radar_mapping::Mapper;
 use radar_mapping::MappingSettings;
-use radar_mapping::{HandsSample, SavedMap, Scene};
+use radar_mapping::{HandsSample, SavedMap, SavedPoint, Scene};
 use radar_recording::{Existing, Header, Recording, RecordingWriter};
 use radar_simulation::{Scenario, Simulated};
 
@@ -108,4 +108,37 @@ fn recorded_hands_equal_pushed_hands() {
     let replayed = feed(mapper(&scenario), Recording::open(&path).unwrap()).scene();
     assert_eq!(replayed, pushed);
     assert_ne!(feed(mapper(&scenario), plain).scene(), pushed, "hands change what is found");
+}
+
+#[test]
+fn full_map_keeps_every_point_and_as_many_cells_as_a_frame_has_time_for() {
+    // Every 20 cm, as shapes of 48 cells of 4 cm.
+    let point = |n: u32| {
+        let position_m =
+            DVec3::new((n % 20).into(), (n / 400).into(), (n / 20 % 20).into()) * 0.2 - DVec3::new(2.0, 0.0, 2.0);
+        let cell = |i: u32| position_m + DVec3::new((i % 4).into(), (i / 16).into(), (i / 4 % 4).into()) * 0.04;
+        SavedPoint {
+            id: u64::from(n) + 1,
+            position_m,
+            covariance_m2: DMat3::IDENTITY * 1e-4,
+            score: 8.0,
+            strengths: [40.0; 16],
+            shape: (0..48).map(|i| (cell(i), 8.0 - i as f32 * 0.01)).collect(),
+            first_ns: 5,
+            last_ns: 7,
+        }
+    };
+    let cells_of = |count: u32| {
+        let (scenario, _) = room(0.1);
+        let map = SavedMap { places: (0..count).map(point).collect(), walls: vec![] };
+        let mut mapper = mapper(&scenario);
+        mapper.restore(&map).unwrap();
+        let saved = mapper.saved_map();
+        assert_eq!(saved.places.len(), map.places.len());
+        let is_there = |point: &SavedPoint| point.shape.iter().any(|cell| cell.0.distance(point.position_m) < 1e-9);
+        assert!(saved.places.iter().all(is_there), "the strongest cell of each");
+        saved.places.iter().map(|point| point.shape.len()).sum::<usize>()
+    };
+    assert_eq!(cells_of(100), 4800, "a room's shapes are whole");
+    assert_eq!(cells_of(2000), 8000);
 }

@@ -21,6 +21,9 @@ const MAX_WALLS: usize = 200;
 /// Most cells of a point's shape. Choice: the strongest ones, as many as leave a full map small
 /// enough for its file.
 const MAX_SHAPE: usize = 48;
+/// Farthest that a cell of a shape lies from its point, metres. Choice: a voxel and a half of the largest edge, 0.5 m, and two
+/// cells in each direction.
+const MAX_SHAPE_RADIUS_M: f64 = 1.5;
 /// Greatest valid id. Choice: far below 2⁵³, up to which every JSON reader keeps integers, and out
 /// of reach of counting.
 const MAX_ID: u64 = 1 << 48;
@@ -153,7 +156,9 @@ impl SavedPoint {
     fn check(&self) -> Result<(), SavedMapError> {
         let columns = [self.covariance_m2.x_axis, self.covariance_m2.y_axis, self.covariance_m2.z_axis];
         let variances = self.covariance_m2.to_cols_array_2d();
-        let is_shape = |(point, score): &(DVec3, f32)| is_position(*point) && is_strength(f64::from(*score));
+        let is_shape = |(cell, score): &(DVec3, f32)| {
+            cell.distance(self.position_m) <= MAX_SHAPE_RADIUS_M && is_strength(f64::from(*score))
+        };
         let sound = [
             ("the position", is_position(self.position_m)),
             ("the covariance", columns.into_iter().all(is_position) && (0..3).all(|n| variances[n][n] >= 0.0)),
@@ -288,11 +293,12 @@ pub(super) mod tests {
     fn check_names_invalid_values() {
         assert_eq!(some().check(), Ok(()));
         type Spurious = fn(&mut SavedMap);
-        let spoils: [(Spurious, &str); 8] = [
+        let spoils: [(Spurious, &str); 9] = [
             (|r| r.places[0].position_m.x = f64::NAN, "the position of 3"),
             (|r| r.places[0].covariance_m2.y_axis.y = -1.0, "the covariance of 3"),
             (|r| r.places[0].strengths[1] = f64::INFINITY, "the strength of 3"),
             (|r| r.places[0].shape = vec![(DVec3::ZERO, 1.0); MAX_SHAPE + 1], "the shape of 3"),
+            (|r| r.places[0].shape[0].0.y += 1.6, "the shape of 3"),
             (|r| r.places[0].id = u64::MAX, "or invalid"),
             (|r| r.places.push(r.places[0].clone()), "id 3"),
             (|r| r.walls[0].plane.outward = DVec3::ONE, "the plane of 2"),
