@@ -298,7 +298,7 @@ impl RoomMapper {
     /// What is known of the room, by id: confirmed objects observed since, and restored ones that
     /// still exist.
     pub fn saved_map(&self) -> SavedMap {
-        SavedMap { places: self.objects.saved(&self.imaging), walls: self.walls.saved(self.window.middle()) }
+        SavedMap::of(self.objects.saved(&self.imaging), self.walls.saved(self.window.middle()))
     }
 
     /// Takes a jump of the tracking frame: the hands' positions since were taken to be in the frame of before.

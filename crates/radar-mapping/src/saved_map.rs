@@ -114,6 +114,13 @@ impl SavedMap {
     pub(super) const MAX_WALLS: usize = MAX_WALLS;
     pub(super) const MAX_SHAPE: usize = MAX_SHAPE;
 
+    /// Of these points and walls, those that [`check`](Self::check) accepts: a single other one would make the whole map unreadable.
+    pub(super) fn of(mut places: Vec<SavedPoint>, mut walls: Vec<SavedWall>) -> Self {
+        places.retain(|point| is_id(point.id) && point.check().is_ok());
+        walls.retain(|wall| is_id(wall.id) && wall.check().is_ok());
+        Self { places, walls }
+    }
+
     /// Whether there is nothing in it.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty() && self.walls.is_empty()
@@ -135,12 +142,10 @@ impl SavedMap {
     }
 
     /// The same in another frame with the same vertical: `to_from` transforms from this frame's
-    /// coordinates.
+    /// coordinates. What lies too far from that frame's origin is left out.
     pub fn moved(&self, to_from: &Pose) -> Self {
-        Self {
-            places: self.places.iter().map(|point| point.moved(to_from)).collect(),
-            walls: self.walls.iter().map(|wall| wall.moved(to_from)).collect(),
-        }
+        let places = self.places.iter().map(|point| point.moved(to_from));
+        Self::of(places.collect(), self.walls.iter().map(|wall| wall.moved(to_from)).collect())
     }
 
     /// The same by another clock, on which all times are later by this.
@@ -211,11 +216,15 @@ impl SavedWall {
 fn check_ids(ids: impl Iterator<Item = u64>) -> Result<(), SavedMapError> {
     let mut known = BTreeSet::new();
     for id in ids {
-        if id == 0 || id > MAX_ID || !known.insert(id) {
+        if !is_id(id) || !known.insert(id) {
             return Err(SavedMapError::Id(id));
         }
     }
     Ok(())
+}
+
+fn is_id(id: u64) -> bool {
+    (1..=MAX_ID).contains(&id)
 }
 
 fn check_all(id: u64, sound: &[(&'static str, bool)]) -> Result<(), SavedMapError> {
@@ -310,6 +319,21 @@ pub(super) mod tests {
             let error = spoilt.check().unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
+    }
+
+    #[test]
+    fn what_is_moved_too_far_is_left_out_and_the_rest_stays_readable() {
+        let mut map = some();
+        map.places.push(SavedPoint {
+            id: 4,
+            position_m: DVec3::new(-1.5, 0.4, 0.0),
+            shape: vec![],
+            ..map.places[0].clone()
+        });
+        let there = map.moved(&Pose::from_translation(DVec3::X * (MAX_COORDINATE_M - 0.2)));
+        assert_eq!(there.check(), Ok(()));
+        assert_eq!(there.places.iter().map(|point| point.id).collect::<Vec<_>>(), [4]);
+        assert!(there.walls.is_empty(), "half of it is too far away");
     }
 
     #[test]
