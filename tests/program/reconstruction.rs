@@ -157,3 +157,16 @@ fn forgotten_calibration_is_that_of_the_settings_and_the_map_stays() {
     let latest = reconstruction.latest();
     assert!(latest.epoch == 0 && !latest.scene.obstacles.is_empty(), "the map stays");
 }
+
+#[test]
+fn a_sensor_too_slow_for_sub_apertures_is_recognised() {
+    let rooms = Settings::from_toml("", &["processing.mode=rooms".into()]).unwrap().mapping();
+    let lacks = |name: &str| {
+        let scenario = Scenario::new("furnished-room", "natural", preset(name).unwrap(), 1.0, 3);
+        let Simulated { frames, poses, .. } = scenario.run().unwrap();
+        let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &rooms);
+        mapper.push_all(in_time_order(frames, poses));
+        mapper.counters().engine.has_no_subaperture()
+    };
+    assert!(lacks("slow-link") && !lacks("d16"));
+}

@@ -59,6 +59,13 @@ pub struct SearchCounters {
     pub rooms: RoomMapperCounters,
 }
 
+impl SearchCounters {
+    /// Whether rooms are mapped and no sub-aperture had enough sweeps: nothing can be found then.
+    pub fn has_no_subaperture(&self) -> bool {
+        self.search == MapperKind::Rooms && self.rooms.blocks == 0 && self.rooms.sweeps_without_block > 0
+    }
+}
+
 /// Maps the surroundings of one sensor from its frames and the poses of the head.
 ///
 /// Push events in order of time, then poll the scene. A wrong input is refused with its reason and
