@@ -336,14 +336,41 @@ mod tests {
     }
 
     #[test]
-    fn unreachable_confirmation_is_rejected() {
-        for change in [
-            "rooms.tracks.confirm_observations=5",
-            "rooms.tracks.confirm_wall_observations=9",
-            "rooms.clean.max_sigma_m=-1",
+    fn what_nothing_could_be_mapped_with_is_refused() {
+        for (change, message) in [
+            ("rooms.tracks.confirm_observations=5", "lie in 1 to 4"),
+            ("rooms.tracks.confirm_wall_observations=9", "lie in 1 to 4"),
+            ("rooms.tracks.existence.loss=1", "lie in 0 to 0.3"),
+            (
+                "rooms.tracks.existence.max_log_odds=1",
+                "rooms.tracks.existence.max_log_odds is 1: with rooms.tracks.existence.confirm_log_odds = 3 it must lie in 3 to 100, \
+                 else no object is ever confirmed",
+            ),
+            ("rooms.tracks.existence.confirm_log_odds=5", "max_log_odds is 4: with"),
+            ("rooms.tracks.existence.confirm_log_odds=100", "lie in -100 to 10"),
+            ("rooms.tracks.existence.established_max_log_odds=1", "it must lie in 4 to 100"),
+            ("rooms.subapertures.min_sweeps=10000", "lie in 2 to 80"),
+            ("rooms.subapertures.min_sweeps=37", "duration_s = 0.09 it must lie in 2 to 36"),
+            ("rooms.subapertures.min_range_m=5", "min_range_m is 5"),
+            (
+                "rooms.clean.window_s=1",
+                "plane_min_subapertures is 13: with rooms.clean.window_s = 1 it must lie in 1 to 11",
+            ),
+            ("reflectors.max_sweeps=3", "give 0 for all, or at least 10"),
+            (
+                "tracking.mount={translation=[1000,0,0],rotation=[0,0,0,1]}",
+                "tracking.mount: the sensor is [1000.0, 0.0, 0.0] m from the head: give at most 10 m",
+            ),
         ] {
-            assert!(with(change).is_err(), "{change}");
+            let error = with(change).expect_err(change).to_string();
+            assert!(error.contains(message), "{change}: {error}");
         }
+        let changes = ["rooms.subapertures.min_range_m=0.8", "rooms.subapertures.max_range_m=1.2"].map(str::to_owned);
+        let error = Settings::from_toml("", &changes).expect_err("0.4 m of range").to_string();
+        assert!(
+            error.contains("max_range_m is 1.2: with rooms.subapertures.min_range_m = 0.8 it must lie in 1.3 to 5"),
+            "{error}"
+        );
         assert!(with("rooms.tracks.confirm_wall_observations=4").is_ok());
     }
 

@@ -2,6 +2,8 @@
 
 use radar_chaperone::settings::Settings;
 
+use crate::common::Folder;
+
 const MANUAL: &str = include_str!("../../docs/settings.toml");
 
 /// Sorted dotted names of a TOML table's values.
@@ -45,4 +47,47 @@ fn commented_out_settings_are_valid() {
     assert_eq!(mount.translation.to_array(), [0.0, 0.03, -0.10]);
     let region = settings.processing.region.expect("processing.region");
     assert_eq!(region.max.to_array(), [1.5, 3.0, 0.0]);
+}
+
+/// Ends of the settings' intervals that make mapping hardest.
+const HARDEST: [&str; 25] = [
+    "rooms.subapertures.duration_s=0.2",
+    "rooms.subapertures.min_sweeps=36",
+    "rooms.subapertures.decay_s=0.5",
+    "rooms.subapertures.min_amplitude=0.7",
+    "rooms.subapertures.plane_min_amplitude=0.25",
+    "rooms.subapertures.min_range_m=1",
+    "rooms.subapertures.max_range_m=1",
+    "rooms.subapertures.voxel_m=0.5",
+    "rooms.clean.min_score=15",
+    "rooms.clean.min_candidate_score=15",
+    "rooms.clean.max_candidates=10",
+    "rooms.clean.plane_min_subapertures=44",
+    "rooms.clean.plane_min_score=20",
+    "rooms.clean.mask_range_m=10",
+    "rooms.clean.mask_lobes=1000",
+    "rooms.clean.max_sigma_m=0.05",
+    "rooms.clean.min_feet_rms_m=0.3",
+    "rooms.clean.min_over_point=6",
+    "rooms.tracks.confirm_score=15",
+    "rooms.tracks.confirm_log_odds=3",
+    "rooms.tracks.hands_reach_m=10",
+    "rooms.tracks.match_m=1",
+    "rooms.tracks.existence.confirm_log_odds=4",
+    "rooms.tracks.existence.loss=0.3",
+    "tracking.errors.wander_m=1",
+];
+
+#[test]
+fn no_setting_within_its_bounds_ends_all_warnings() {
+    let folder = Folder::new("hardest_settings");
+    folder
+        .run("simulate furnished-room --motion natural --preset d16 --duration-s 10 --seed 3 --out room.mcap")
+        .succeeds();
+    for change in HARDEST {
+        folder.run(&format!("replay room.mcap --out o --set {change}")).succeeds();
+        let found = folder.json("o/obstacles.json");
+        let count = |what: &str| found[what].as_array().unwrap().len();
+        assert!(count("obstacles") > 0 && count("walls") > 0, "{change}: {}, {}", count("obstacles"), count("walls"));
+    }
 }

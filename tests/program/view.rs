@@ -52,8 +52,8 @@ fn view_pictures_have_content_and_do_not_change_results() {
 fn settings_apply_to_the_view() {
     let folder = Folder::new("view-settings");
     recorded(&folder);
-    // Nothing is ever confirmed.
-    let line = "replay room.mcap --view-shot shots --out out --set rooms.tracks.confirm_score=1000";
+    // All poses are ten seconds away from the sweeps.
+    let line = "replay room.mcap --view-shot shots --out out --set tracking.time_offset_s=10";
     drawn(&folder, line);
     assert_eq!(folder.json("out/obstacles.json")["obstacles"].as_array().unwrap().len(), 0);
     assert!(folder.read("shots/overview.png").len() > 10_000);

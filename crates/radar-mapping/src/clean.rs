@@ -75,19 +75,20 @@ pub struct CleanSettings {
     pub min_over_point: f64,
 }
 
+/// At both ends of each interval a furnished room gives obstacles and walls (`tests/program/settings_file.rs`).
 impl BoundedSettings for CleanSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![
         window_s: 0.5, 20.0;
-        min_score: 0.0, 1e6;
-        min_candidate_score: 0.0, 1e6;
-        max_candidates: 1.0, 1e4;
+        min_score: 0.0, 15.0;
+        min_candidate_score: 0.0, 15.0;
+        max_candidates: 10.0, 1e4;
         plane_min_subapertures: 1.0, 1e4;
-        plane_min_score: 0.0, 1e6;
+        plane_min_score: 0.0, 20.0;
         mask_range_m: 0.0, 10.0;
         mask_lobes: 0.0, 1e3;
-        max_sigma_m: 0.01, 10.0;
-        min_feet_rms_m: 0.0, 10.0;
-        min_over_point: -1e6, 1e6;
+        max_sigma_m: 0.05, 10.0;
+        min_feet_rms_m: 0.0, 0.3;
+        min_over_point: -1e6, 6.0;
     ];
 }
 

@@ -62,16 +62,18 @@ pub struct ExistenceSettings {
     pub neighbour_log_odds: f64,
 }
 
+/// At both ends of each interval a furnished room gives obstacles (`tests/program/settings_file.rs`), as long as the log odds can
+/// reach what confirms ([`MappingSettings::check`](crate::MappingSettings::check)).
 impl BoundedSettings for ExistenceSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![
-        confirm_log_odds: -100.0, 100.0;
+        confirm_log_odds: -100.0, 10.0;
         initial_share: 0.0, 100.0;
         max_log_odds: 0.1, 100.0;
         established_max_log_odds: 0.1, 100.0;
         detection_seen_side: 0.0, 0.99;
         detection_prior_subapertures: 0.0, 1e9;
         detection_new_side: 0.0, 0.99;
-        loss: 0.0, 1e3;
+        loss: 0.0, 0.3;
         masked_loss: 0.0, 1e3;
         neighbour_log_odds: 0.0, 100.0;
     ];

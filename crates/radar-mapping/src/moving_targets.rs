@@ -55,7 +55,7 @@ impl BoundedSettings for MtiSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![
         alarms_per_subaperture: 1e-6, 1.0;
         confirm_subapertures: 1.0, 6.0;
-        min_travel_m: 0.0, 10.0;
+        min_travel_m: 0.0, 1.0;
         drop_after_s: 0.1, 10.0;
     ];
 }

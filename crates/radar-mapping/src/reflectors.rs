@@ -37,9 +37,9 @@ impl BoundedSettings for ReflectorSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![
         voxel_m: 0.005, 0.5;
         max_sweeps: 0.0, 1e9;
-        search_sweeps: 3.0, 1e5;
-        min_range_m: 0.0, 10.0;
-        threshold_sigma: 0.0, 1e6;
+        search_sweeps: 10.0, 1e5;
+        min_range_m: 0.0, 1.0;
+        threshold_sigma: 0.0, 100.0;
         max_reflectors: 1.0, 1000.0;
     ];
 }

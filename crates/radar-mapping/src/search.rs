@@ -15,7 +15,7 @@ use super::{
 
 /// Sweeps per second from which on the phase can be followed from sweep to sweep: λ/4 per sweep at
 /// 0.5 m/s. Choice: 0.5 m/s is a moderate movement of the head.
-const SUBAPERTURES_FROM_SWEEPS_PER_S: f64 = 400.0;
+pub(super) const SUBAPERTURES_FROM_SWEEPS_PER_S: f64 = 400.0;
 /// Default edge of the cube searched for single reflectors, metres. Choice: the presets measure up
 /// to 3.1 m ahead.
 pub const DEFAULT_CUBE_M: f64 = 3.0;

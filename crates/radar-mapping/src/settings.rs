@@ -1,16 +1,21 @@
 //! Settings of mapping: sensor, poses, the two searches; with their bounds.
 
 use glam::DVec3;
-use radar_sar::geometry::{Aabb, Pose};
-use radar_sar::subaperture::SubapertureSettings;
+use radar_sar::geometry::{Aabb, MountError, Pose, mount};
 use radar_sar::{Beam, BoundedSettings, HistorySettings, PositionErrors, SettingBound, SettingOutOfBounds, bounds};
 use serde::{Deserialize, Serialize};
 
+use super::search::SUBAPERTURES_FROM_SWEEPS_PER_S;
 use super::{DEFAULT_CUBE_M, ReflectorSettings, RoomMapperSettings};
 
 /// Voxels of the search for single reflectors, at most: 3 m cubed at 15 mm, or 12 m cubed at 60 mm.
 /// Choice: a second's work.
 const MAX_VOXELS: f64 = 8e6;
+/// Least number of sweeps that reflectors are searched in. Choice: three ranges determine a point, and some sweeps do not see it.
+const MIN_SWEEPS: usize = 10;
+/// Least difference of farthest and nearest range, metres. Choice: more than three pulses of 14 cm; what is seen at fewer ranges
+/// is not resolved.
+const MIN_DEPTH_M: f64 = 0.5;
 
 /// Settings that cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -18,9 +23,30 @@ pub enum MappingSettingsError {
     /// A value outside its bounds.
     #[error(transparent)]
     OutOfBounds(#[from] SettingOutOfBounds),
+    /// A value with which nothing could ever be mapped, because of another one.
+    #[error("setting {name} is {value}: with {with} = {other} it must lie in {min} to {max}, else {otherwise}")]
+    Contradiction {
+        /// The setting.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// The other setting.
+        with: &'static str,
+        /// The other's value.
+        other: f64,
+        /// Least value that agrees with the other.
+        min: f64,
+        /// Greatest value that agrees with the other.
+        max: f64,
+        /// What would happen.
+        otherwise: &'static str,
+    },
+    /// Too few sweeps for a position.
+    #[error("setting reflectors.max_sweeps is {0}: give 0 for all, or at least {MIN_SWEEPS}")]
+    TooFewSweeps(usize),
     /// An invalid mount.
-    #[error("setting {0} has a number that is not finite, or a rotation of length zero")]
-    NotFinite(&'static str),
+    #[error("setting tracking.mount: {0}")]
+    Mount(#[from] MountError),
     /// An invalid box.
     #[error("setting processing.region is {0:?}: each coordinate of max must lie above min's, by 50 m at most")]
     Region(Aabb),
@@ -151,7 +177,10 @@ impl MappingSettings {
         rooms.fine.check_bounds("rooms.fine")?;
         rooms.moving.check_bounds("rooms.moving")?;
         reflectors.check_bounds("reflectors")?;
-        check_ranges(&rooms.subapertures)?;
+        rooms.check_agreement()?;
+        if (1..MIN_SWEEPS).contains(&reflectors.max_sweeps) {
+            return Err(MappingSettingsError::TooFewSweeps(reflectors.max_sweeps));
+        }
         if let Some(region) = &processing.region {
             let sound = region.min.is_finite() && region.max.is_finite() && region.size().min_element() > 0.0;
             if !sound || region.size().max_element() > 50.0 {
@@ -159,10 +188,8 @@ impl MappingSettings {
             }
         }
         self.check_search_size()?;
-        if let Some(mount) = &tracking.mount
-            && Pose::try_new(mount.translation.to_array(), mount.rotation.to_array()).is_err()
-        {
-            return Err(MappingSettingsError::NotFinite("tracking.mount"));
+        if let Some(Pose { translation, rotation }) = &tracking.mount {
+            mount(translation.to_array(), rotation.to_array())?;
         }
         Ok(())
     }
@@ -178,11 +205,64 @@ impl MappingSettings {
     }
 }
 
-/// The farthest range lies beyond the nearest.
-fn check_ranges(subapertures: &SubapertureSettings) -> Result<(), SettingOutOfBounds> {
-    let SubapertureSettings { min_range_m: min, max_range_m: value, .. } = *subapertures;
-    match value >= min {
-        true => Ok(()),
-        false => Err(SettingOutOfBounds { name: "rooms.subapertures.max_range_m".into(), value, min, max: 5.0 }),
+impl RoomMapperSettings {
+    /// Checks that the values agree: that there are ranges, that sub-apertures and walls can be seen in enough of what they
+    /// consist of, and that the log odds of an object can reach what confirms it.
+    fn check_agreement(&self) -> Result<(), MappingSettingsError> {
+        let Self { subapertures, clean, tracks, .. } = self;
+        let existence = &tracks.existence;
+        let sweeps = subapertures.duration_s * SUBAPERTURES_FROM_SWEEPS_PER_S;
+        let subapertures_in_window = clean.window_s / subapertures.duration_s;
+        let rules = [
+            Rule {
+                setting: ("rooms.subapertures.max_range_m", subapertures.max_range_m),
+                other: ("rooms.subapertures.min_range_m", subapertures.min_range_m),
+                within: (subapertures.min_range_m + MIN_DEPTH_M, 5.0),
+                otherwise: "no range is left to see objects in",
+            },
+            Rule {
+                setting: ("rooms.subapertures.min_sweeps", subapertures.min_sweeps as f64),
+                other: ("rooms.subapertures.duration_s", subapertures.duration_s),
+                within: (2.0, sweeps.round()),
+                otherwise: "a sensor of 400 sweeps per second completes no sub-aperture",
+            },
+            Rule {
+                setting: ("rooms.clean.plane_min_subapertures", f64::from(clean.plane_min_subapertures)),
+                other: ("rooms.clean.window_s", clean.window_s),
+                within: (1.0, subapertures_in_window.floor()),
+                otherwise: "no wall is ever detected",
+            },
+            Rule {
+                setting: ("rooms.tracks.existence.max_log_odds", existence.max_log_odds),
+                other: ("rooms.tracks.existence.confirm_log_odds", existence.confirm_log_odds),
+                within: (existence.confirm_log_odds.max(0.1), 100.0),
+                otherwise: "no object is ever confirmed",
+            },
+            Rule {
+                setting: ("rooms.tracks.existence.established_max_log_odds", existence.established_max_log_odds),
+                other: ("rooms.tracks.existence.max_log_odds", existence.max_log_odds),
+                within: (existence.max_log_odds, 100.0),
+                otherwise: "what is detected again is removed sooner than what is new",
+            },
+        ];
+        rules.iter().try_for_each(Rule::check)
+    }
+}
+
+/// The interval that one setting leaves to another.
+struct Rule {
+    setting: (&'static str, f64),
+    other: (&'static str, f64),
+    within: (f64, f64),
+    otherwise: &'static str,
+}
+
+impl Rule {
+    fn check(&self) -> Result<(), MappingSettingsError> {
+        let Self { setting: (name, value), other: (with, other), within: (min, max), otherwise } = *self;
+        match (min..=max).contains(&value) {
+            true => Ok(()),
+            false => Err(MappingSettingsError::Contradiction { name, value, with, other, min, max, otherwise }),
+        }
     }
 }

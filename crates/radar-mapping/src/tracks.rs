@@ -36,12 +36,14 @@ pub struct TrackSettings {
     pub existence: ExistenceSettings,
 }
 
+/// At both ends of each interval a furnished room gives obstacles and walls (`tests/program/settings_file.rs`). What stands out
+/// has log odds of at least 3 (`classifier.rs`).
 impl BoundedSettings for TrackSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![
-        confirm_score: 0.0, 1e6;
+        confirm_score: 0.0, 15.0;
         confirm_observations: 1.0, RECENT_UPDATES as f64;
         confirm_wall_observations: 1.0, RECENT_UPDATES as f64;
-        confirm_log_odds: -100.0, 100.0;
+        confirm_log_odds: -100.0, 3.0;
         recurrence_log_odds: 0.0, 100.0;
         hands_reach_m: 0.0, 10.0;
         match_m: 0.01, 1.0;
