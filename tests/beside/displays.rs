@@ -38,6 +38,12 @@ pub fn end(rig: &Rig, program: Program) {
     assert_eq!((&report["violations"], &report["left_at_cleanup"]), (&json!({}), &json!(0)));
 }
 
+/// The overlays of a shot but the notice's, which a machine whose cores are taken shows.
+fn of_warnings(shot: &Value) -> impl Iterator<Item = &Value> {
+    let overlays = shot["overlays"].as_array().unwrap().iter();
+    overlays.filter(|overlay| overlay["key"] != "radar-chaperone.notice")
+}
+
 /// Whether the chair is lit in both eyes, most of its points within a degree.
 fn shows_the_chair(eyes: &[Eye; 2]) -> bool {
     let chair = crate::warnings::chair();
@@ -59,7 +65,7 @@ fn windows_show_each_eye_its_own_image() {
     let mut rig = Rig::new("stereo");
     let (program, _, shot) = at_the_chair(&mut rig, &json!({}), &["--set", "headset.display=stereo"]);
     let side_by_side = 1 << 10;
-    for overlay in shot["overlays"].as_array().unwrap() {
+    for overlay in of_warnings(&shot) {
         assert_ne!(overlay["flags"].as_u64().unwrap() & side_by_side, 0, "{overlay}");
     }
     end(&rig, program);
@@ -72,7 +78,7 @@ fn projections_work_with_either_matrix_direction() {
         let set = format!("headset.projection_matrix={matrix}");
         let settings = ["--set", "headset.display=projection", "--set", &set];
         let (program, _, shot) = at_the_chair(&mut rig, &json!({"projection_matrix": matrix}), &settings);
-        assert_eq!(shot["overlays"].as_array().unwrap().len(), 2);
+        assert_eq!(of_warnings(&shot).count(), 2);
         end(&rig, program);
     }
 }
