@@ -132,10 +132,8 @@ pub fn print_report(report: &SessionReport) -> Result<()> {
         let share = 100.0 * counters.cpu_s / counters.running_s.max(1e-3);
         let dropped = counters.frames_dropped + counters.poses_dropped;
         outln!("Imaging   {} obstacles, {share:.1} % of a core, {dropped} frames and poses dropped", report.obstacles)?;
-        if counters.mapper.engine.has_no_subaperture() {
-            outln!(
-                "Imaging   no sub-aperture had rooms.subapertures.min_sweeps sweeps: lower it, or set processing.mode = \"auto\""
-            )?;
+        if let Some(reason) = counters.mapper.engine.no_subaperture() {
+            outln!("Imaging   {reason}")?;
         }
         let jumps = counters.mapper.streams.tracking_jumps;
         if jumps > 0 {

@@ -385,6 +385,9 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper, sparse: Option<&Sparse
         text +=
             "No sweep has a pose, so nothing could be imaged. `radar-chaperone info` shows what the recording holds.\n";
     }
+    if let Some(reason) = mapper.counters().engine.no_subaperture() {
+        let _ = writeln!(text, "{reason}");
+    }
     let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let (obstacles, walls) = (counted(scene.obstacles.len(), "obstacle"), counted(scene.walls.len(), "wall"));
     let _ = writeln!(text, "\n{obstacles}, {walls}");

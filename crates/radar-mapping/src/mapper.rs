@@ -60,9 +60,13 @@ pub struct SearchCounters {
 }
 
 impl SearchCounters {
-    /// Whether rooms are mapped and no sub-aperture had enough sweeps: nothing can be found then.
-    pub fn has_no_subaperture(&self) -> bool {
-        self.search == MapperKind::Rooms && self.rooms.blocks == 0 && self.rooms.sweeps_without_block > 0
+    /// Why nothing of a room can be found, and what to do, where no sub-aperture had enough sweeps.
+    pub fn no_subaperture(&self) -> Option<&'static str> {
+        let has_none =
+            self.search == MapperKind::Rooms && self.rooms.blocks == 0 && self.rooms.sweeps_without_block > 0;
+        has_none.then_some(
+            "no sub-aperture had rooms.subapertures.min_sweeps sweeps: lower it, or set processing.mode = \"auto\"",
+        )
     }
 }
 

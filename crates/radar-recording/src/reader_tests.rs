@@ -8,8 +8,8 @@ use num_complex::Complex;
 use proptest::prelude::*;
 
 use super::*;
-use crate::RecordingWriter;
 use crate::test_files::{TestFile, assert_same, events, header, recorded};
+use crate::{Existing, RecordingWriter};
 use a121::Frame;
 use radar_mapping::HandsSample;
 use radar_sar::PoseSample;
@@ -547,7 +547,7 @@ fn random_bytes_behind_the_header_never_panic() {
 
 fn recorded_with(events: &[Event], header: &Header) -> Vec<u8> {
     let file = TestFile::new();
-    let mut writer = RecordingWriter::create(&file.0, header).unwrap();
+    let mut writer = RecordingWriter::create(&file.0, header, Existing::Keep).unwrap();
     for event in events {
         writer.write(event).unwrap();
     }
