@@ -181,6 +181,10 @@ impl PoseTail {
         self.parser = TrackParser::new(TrackFormat::of(&self.path));
         self.line.clear();
         self.counters.restarts += 1;
+        // What is far from now is known by a wrong clock, or one wrong line.
+        if std::mem::take(&mut self.has_warned) {
+            self.counters.newest_ns = None;
+        }
         self.known_until_ns = self.counters.newest_ns;
     }
 
@@ -328,6 +332,11 @@ mod tests {
         assert!(warning(&mut track, 101).unwrap().contains("100.0 s away from now: its times must be"));
         track.replace(1..102, "");
         assert_eq!(warning(&mut track, 103), None);
+        // Times of another clock do not make those of the right one old.
+        track.replace(1_700_000_000..1_700_000_001, "");
+        assert!(warning(&mut track, 104).is_some());
+        track.replace(103..105, "");
+        assert_eq!((track.read_s(), track.tail.warning(105_000_000_000)), (vec![103, 104], None));
         assert!(warning(&mut track, 107).unwrap().contains("is 6.0 s old: check that the program"));
         assert_eq!(warning(&mut track, 108), None);
         track.replace(1..110, "");
