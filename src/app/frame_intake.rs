@@ -309,7 +309,7 @@ impl<'a> FrameIntake<'a> {
 }
 
 fn is_elsewhere(error: &anyhow::Error) -> bool {
-    matches!(error.downcast_ref(), Some(RecordingError::Renamed(_) | RecordingError::Displaced { .. }))
+    matches!(error.downcast_ref(), Some(RecordingError::Displaced { .. }))
 }
 
 fn write_calibrations(path: &Path, calibrations: &[Calibration]) -> Result<()> {

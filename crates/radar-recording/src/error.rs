@@ -21,11 +21,8 @@ pub enum RecordingError {
     /// A new recording would replace a file.
     #[error("{0} is there already: choose another name, or remove it")]
     AlreadyThere(PathBuf),
-    /// A live recording was given another name by others.
-    #[error("{0} was renamed or moved while it was recorded: the recording is complete under its new name")]
-    Renamed(PathBuf),
-    /// A live recording was removed or replaced by others.
-    #[error("{path} was removed or replaced while it was recorded: the complete recording is in {copy}")]
+    /// A live recording was removed, renamed or replaced by others.
+    #[error("{path} was removed, renamed or replaced while it was recorded: the complete recording is in {copy}")]
     Displaced {
         /// Its name.
         path: PathBuf,
@@ -66,7 +63,7 @@ pub enum RecordingError {
         /// The file.
         path: PathBuf,
         /// What was found instead of the header.
-        reason: Box<RecordingError>,
+        reason: String,
     },
     /// The file has a newer format.
     #[error("the recording has format {found}, this program reads up to {known}: update radar-chaperone")]

@@ -20,9 +20,7 @@ pub(super) struct LiveFile {
 pub(super) enum Whereabouts {
     /// Under its name.
     There,
-    /// Under another name, which it was given by others.
-    Renamed,
-    /// It was removed or replaced: this is a copy.
+    /// It was removed, renamed or replaced: this is a copy.
     Copied(PathBuf),
 }
 
@@ -37,39 +35,27 @@ impl LiveFile {
         Ok((Self { path: path.to_owned(), file: Handle::from_file(file.try_clone()?)? }, file))
     }
 
-    /// Where the complete file is; one that has lost its last name is copied to a free one.
+    /// Where the complete file is; one that has lost its name is copied to a free one. That it has another cannot be relied on:
+    /// network file systems keep a removed file under a name of their own until it is closed.
     ///
     /// # Errors
     /// It cannot be copied.
     pub fn keep(self) -> io::Result<Whereabouts> {
         match Handle::from_path(&self.path) {
             Ok(there) if there == self.file => return Ok(Whereabouts::There),
-            // Whether it is there cannot be seen.
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Ok(Whereabouts::There),
-            _ if has_name(self.file.as_file())? => return Ok(Whereabouts::Renamed),
+            // There is a file that may not be opened.
+            Err(_) if self.path.symlink_metadata().is_ok() => return Ok(Whereabouts::There),
             _ => {}
         }
         let copied = first_free(&self.path, |name| {
             let mut copy = create_new(name, Readers::Owner)?;
             let mut file = self.file.as_file();
-            file.rewind()?;
-            io::copy(&mut file, &mut copy)?;
-            copy.sync_all()
+            let copied = file.rewind().and_then(|()| io::copy(&mut file, &mut copy)).and_then(|_| copy.sync_all());
+            copied.inspect_err(|_| drop(std::fs::remove_file(name)))
         })?;
         sync_folder(&copied);
         Ok(Whereabouts::Copied(copied))
     }
-}
-
-#[cfg(unix)]
-fn has_name(file: &File) -> io::Result<bool> {
-    Ok(std::os::unix::fs::MetadataExt::nlink(&file.metadata()?) > 0)
-}
-
-/// Elsewhere nothing shows it, and a copy too many is the lesser harm.
-#[cfg(not(unix))]
-fn has_name(_: &File) -> io::Result<bool> {
-    Ok(false)
 }
 
 #[cfg(all(test, unix))]
@@ -87,7 +73,7 @@ mod tests {
         let (path, other, copy) = (folder.join("r.mcap"), folder.join("other.mcap"), folder.join("r-2.mcap"));
         let harms: [(&dyn Fn(), Whereabouts); 4] = [
             (&|| {}, Whereabouts::There),
-            (&|| fs::rename(&path, &other).unwrap(), Whereabouts::Renamed),
+            (&|| fs::rename(&path, &other).unwrap(), Whereabouts::Copied(copy.clone())),
             (&|| fs::remove_file(&path).unwrap(), Whereabouts::Copied(copy.clone())),
             (&|| fs::write(&other, b"theirs").and_then(|()| fs::rename(&other, &path)).unwrap(), {
                 Whereabouts::Copied(copy.clone())
@@ -101,7 +87,6 @@ mod tests {
             assert_eq!(whereabouts, expected);
             let kept = match &whereabouts {
                 Whereabouts::There => &path,
-                Whereabouts::Renamed => &other,
                 Whereabouts::Copied(copy) => copy,
             };
             assert_eq!(fs::read(kept).unwrap(), b"recorded");

@@ -1,5 +1,5 @@
-//! Writes a recording: header, then chunks of at most one second. Each chunk is passed to the
-//! system when it is complete, so a crash loses at most the last second. The same input gives the
+//! Writes a recording: header, then chunks of at most one second, or of 4 kB where that is longer. A live recording passes on
+//! what it has three times a second, so a crash loses at most a second. The same input gives the
 //! same bytes.
 
 use radar_mapping::Event;
@@ -183,7 +183,7 @@ impl RecordingWriter {
         Ok(Self { path, place, output, frames, raw_poses, head, mount, hands: None, is_header_copied: false, summary })
     }
 
-    /// Writes a frame, of any length.
+    /// Writes a frame. Of more points than the sensor's buffer holds, 4095, it is left out when it is read.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -301,7 +301,6 @@ impl RecordingWriter {
         let kept = output.end(&summary.header).and_then(|storage| Ok(place.keep(&*storage)?));
         match kept.map_err(|error| write_error(&path, error))? {
             Whereabouts::There => Ok(summary),
-            Whereabouts::Renamed => Err(RecordingError::Renamed(path)),
             Whereabouts::Copied(copy) => Err(RecordingError::Displaced { path, copy }),
         }
     }
