@@ -243,13 +243,15 @@ impl Observer {
                 self.counters.poses_time_leapt += 1;
                 return Err(Refusal::PoseTimeLeapt(sample.time_ns));
             }
-            // What was observed later has been mapped, so the times of poses do not go back behind it.
-            TimestampVerdict::Restart if self.observed_until_ns.is_none_or(|until_ns| until_ns < sample.time_ns) => {
+            TimestampVerdict::Restart if self.is_mapped_since(sample.time_ns) => {
+                self.counters.poses_time_not_rising += 1;
+                return Err(Refusal::PoseTimeNotRising(sample.time_ns));
+            }
+            TimestampVerdict::Restart => {
                 self.counters.poses_time_leapt += 1;
                 self.history.keep_newest(0);
                 self.next_path_ns = None;
             }
-            TimestampVerdict::Restart => {}
         }
         let pushed = self.history.push(sample);
         self.history.keep_newest(MAX_POSES);
@@ -284,6 +286,10 @@ impl Observer {
                 self.counters.frames_time_leapt += 1;
                 return Err(Refusal::FrameTimeLeapt(frame.host_time_ns));
             }
+            TimestampVerdict::Restart if self.is_mapped_since(frame.host_time_ns) => {
+                self.counters.frames_time_not_rising += 1;
+                return Err(Refusal::FrameTimeNotRising(frame.host_time_ns));
+            }
             TimestampVerdict::Restart => {
                 self.counters.frames_time_leapt += 1;
                 self.waiting.clear();
@@ -301,6 +307,11 @@ impl Observer {
             self.observe(&oldest);
         }
         Ok(())
+    }
+
+    /// Whether an observation later than this was given out: times do not go back behind what is mapped.
+    fn is_mapped_since(&self, time_ns: i64) -> bool {
+        self.observed_until_ns.is_some_and(|until_ns| until_ns >= time_ns)
     }
 
     /// Corrects the ranges by the first loopback, before any observation has them.

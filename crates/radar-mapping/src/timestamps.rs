@@ -2,7 +2,7 @@
 //!
 //! The times of a stream must rise, so a wrong time stamp far in the future would block everything after it. Stamps far from the
 //! last one therefore wait until enough follow each other there; these are dropped, and nothing else. Far ahead, that is a pause of
-//! the stream; far behind, those accepted before were wrong, or the clock was set back, and they are revoked.
+//! the stream; far behind, those accepted before were wrong, and they are revoked.
 
 /// A time stamp farther ahead than this is a leap, nanoseconds. Choice: longer than a stream pauses
 /// without a reason, and short enough that a smaller error passes by itself.
@@ -14,7 +14,7 @@ const MIN_STEP_NS: i64 = 100_000;
 /// in a buffer's worth; a tenth of a second of poses, and of slower streams what they give in the longer time.
 const CONFIRMING: u32 = 8;
 const CONFIRMING_NS: i64 = 300_000_000;
-/// Streams slower than [`MAX_STEP_NS`] are recognised by two equal steps, up to this one, nanoseconds. Choice:
+/// Streams slower than [`MAX_STEP_NS`] are recognised by their first two steps, up to this one, nanoseconds. Choice:
 /// a frame rate of 0.1 Hz, below any use.
 const SLOWEST_STEP_NS: i64 = 10_000_000_000;
 
@@ -98,8 +98,8 @@ impl TimestampFilter {
             // Two that follow each other outweigh the first of the stream, which none follows.
             return is_long || !self.is_confirmed;
         }
-        // A slow stream: its steps are no leaps.
-        let is_slow = run.count == 1 && step_ns <= leap_ns.min(SLOWEST_STEP_NS);
+        // A stream that is slow from its beginning: its steps are no leaps.
+        let is_slow = !self.is_confirmed && run.count == 1 && step_ns <= leap_ns.min(SLOWEST_STEP_NS);
         if is_slow {
             self.max_step_ns = step_ns.saturating_mul(2).min(2 * SLOWEST_STEP_NS);
         } else {
@@ -156,7 +156,9 @@ mod tests {
         // Of a slower stream, fewer.
         assert_eq!(classified(&[0, 400, 60_000, 60_400, 60_800]), [Next, Next, Leap, Next, Next]);
         // Two wrong ones that do not follow each other confirm nothing.
-        assert_eq!(classified(&[0, 10, 60_000, 90_000, 20]), [Next, Next, Leap, Leap, Next]);
+        for second_ms in [61_500, 65_000, 90_000] {
+            assert_eq!(classified(&[0, 10, 60_000, second_ms, 20, 30]), [Next, Next, Leap, Leap, Next, Next]);
+        }
     }
 
     #[test]
