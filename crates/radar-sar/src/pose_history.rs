@@ -120,7 +120,7 @@ const MIN_RETURN_M_PER_S: f64 = 0.15;
 const MAX_EXCURSION_S: f64 = 1.5;
 const RETURN_WINDOW_NS: i64 = 200_000_000;
 const MIN_BEFORE_RETURN: usize = 10;
-/// Cosine of the angle between the jump and the change of speed, at least. Choice: 37°, a sixth of all directions by chance.
+/// Cosine of the angle between the jump and the change of speed, at least. Choice: 37°, a tenth of all directions by chance.
 const MIN_RETURN_COS: f64 = 0.8;
 
 /// A jump of the tracking frame that the path does not have.
@@ -247,17 +247,18 @@ impl PoseHistory {
         }
     }
 
-    /// Moves the poses from entry `first_after` on back by a jump, up to which `end` entries are joined. Where the tracker only
-    /// returned, its poses before are not used instead.
+    /// Moves the poses from entry `first_after` on back by a jump, after which those up to `end` are joined. Where the tracker only
+    /// returned, its poses of the excursion are not used instead, as far as they have not been.
     fn follow(&mut self, first_after: usize, end: usize, before_from_after: &Pose) {
         let first_after_ns = self.entries[first_after].time_ns;
-        if let Some(excursion_s) = self.excursion_s(first_after, end, before_from_after) {
+        let excursion_s = self.excursion_s(first_after, end, before_from_after);
+        self.entries[first_after - 1].pose = None;
+        if let Some(excursion_s) = excursion_s {
             let since_ns = first_after_ns.saturating_sub((excursion_s * 1e9) as i64);
             let strayed = self.entries.range_mut(..first_after).filter(|entry| entry.time_ns >= since_ns);
             strayed.for_each(|entry| entry.pose = None);
             return;
         }
-        self.entries[first_after - 1].pose = None;
         if !self.settings.follow_jumps {
             return;
         }
@@ -299,7 +300,8 @@ impl PoseHistory {
         self.pending.is_some()
     }
 
-    /// Until when no jump that is being measured, or may still be found, moves or removes a pose; `None` while there are too few.
+    /// Until when no jump that is being measured, or may still be found, moves or removes a pose, but for the earlier poses of an
+    /// excursion; `None` while there are too few.
     pub fn settled_until_ns(&self) -> Option<i64> {
         // The next pose may show a jump just before the second newest.
         let first_after = match &self.pending {
