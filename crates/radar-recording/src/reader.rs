@@ -385,19 +385,23 @@ fn without_header(
 ) -> RecordingError {
     use RecordingError::{HeaderField, HeaderLost, Io, NoHeader, NotMcap};
     let path = path.to_owned();
-    if let Some(refusal) = source.disk().first_refusal().filter(|_| matches!(error, NotMcap { .. } | NoHeader { .. })) {
-        return Io { doing: "read", path, source: io::Error::other(refusal.to_owned()) };
-    }
+    let reason = match &error {
+        NotMcap { .. } => "its beginning is damaged".to_owned(),
+        NoHeader { found, .. } => found.clone(),
+        HeaderField { .. } => error.to_string(),
+        _ => return error,
+    };
     let mut from = 0;
-    while matches!(error, NotMcap { .. } | NoHeader { .. } | HeaderField { .. })
-        && let Ok(Some((_, end))) = source.whole_chunk(from, None, content)
-    {
+    while let Ok(Some((_, end))) = source.whole_chunk(from, None, content) {
         if !content.events.is_empty() {
-            return HeaderLost { path, reason: Box::new(error) };
+            return HeaderLost { path, reason };
         }
         from = end;
     }
-    error
+    match source.disk().first_refusal() {
+        Some(refusal) => Io { doing: "read", path, source: io::Error::other(refusal.to_owned()) },
+        None => error,
+    }
 }
 
 /// Reads the header; also returns the record after it.
