@@ -100,10 +100,10 @@ fn files_of_others_are_replaced_only_when_asked() {
     }
 }
 
-/// A replay that takes ten times as long as its recording, and writes all the while.
-fn slow_replay(folder: &Folder) -> Child {
+/// A replay of half a second at a speed, which writes all the while.
+fn slow_replay(folder: &Folder, speed: &str) -> Child {
     let mut program = Command::new(crate::PROGRAM);
-    program.args(["replay", "r.mcap", "--speed", "0.1", "--results", "res.mcap"]).current_dir(folder.path(""));
+    program.args(["replay", "r.mcap", "--speed", speed, "--results", "res.mcap"]).current_dir(folder.path(""));
     let child = program.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let start = Instant::now();
     while unfinished(&folder.path("")).is_empty() {
@@ -121,7 +121,7 @@ fn unfinished(folder: &Path) -> Vec<String> {
 #[test]
 fn a_file_that_appears_while_another_is_written_stays() {
     let folder = folder("outputs_meanwhile");
-    let child = slow_replay(&folder);
+    let child = slow_replay(&folder, "0.05");
     folder.write("res.mcap", "theirs");
     let outcome = child.wait_with_output().unwrap();
     let message = String::from_utf8(outcome.stderr).unwrap();
@@ -135,7 +135,7 @@ fn a_file_that_appears_while_another_is_written_stays() {
 #[test]
 fn what_a_killed_command_left_is_removed_by_the_next() {
     let folder = folder("outputs_killed");
-    let mut child = slow_replay(&folder);
+    let mut child = slow_replay(&folder, "0.001");
     // It is still being written.
     folder.run("recover r.mcap --out res.mcap").succeeds();
     assert_eq!(unfinished(&folder.path("")).len(), 1);
