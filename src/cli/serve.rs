@@ -244,7 +244,7 @@ impl Track {
         if existing == Existing::Keep {
             return File::create_new(path);
         }
-        // As everywhere, a link that the user names stays.
+        // A link that the user names stays.
         let path = &path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let (whole, file) = WholeFile::create(path, Readers::Usual, existing)?;
         whole.finish(&file)?;

@@ -75,7 +75,7 @@ pub struct CleanSettings {
     pub min_over_point: f64,
 }
 
-/// At both ends of each interval a furnished room gives obstacles and walls (`tests/program/settings_file.rs`).
+/// At the end of each interval that makes mapping hardest, as far as the other settings allow it, a furnished room gives obstacles and walls (`tests/program/settings_file.rs`).
 impl BoundedSettings for CleanSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![
         window_s: 0.5, 20.0;

@@ -62,7 +62,7 @@ pub struct ExistenceSettings {
     pub neighbour_log_odds: f64,
 }
 
-/// At both ends of each interval a furnished room gives obstacles (`tests/program/settings_file.rs`), as long as the log odds can
+/// At the end of each interval that makes mapping hardest, as far as the other settings allow it, a furnished room gives obstacles (`tests/program/settings_file.rs`), as long as the log odds can
 /// reach what confirms ([`MappingSettings::check`](crate::MappingSettings::check)).
 impl BoundedSettings for ExistenceSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![

@@ -36,7 +36,7 @@ pub struct TrackSettings {
     pub existence: ExistenceSettings,
 }
 
-/// At both ends of each interval a furnished room gives obstacles and walls (`tests/program/settings_file.rs`). What stands out
+/// At the end of each interval that makes mapping hardest, as far as the other settings allow it, a furnished room gives obstacles and walls (`tests/program/settings_file.rs`). What stands out
 /// has log odds of at least 3 (`classifier.rs`).
 impl BoundedSettings for TrackSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![

@@ -16,7 +16,7 @@
 //! # Format
 //!
 //! A file starts with metadata records (the [`Header`]), so that even a truncated file can be read. They have a checksum, and copies
-//! behind the first chunk, which declares the topics, behind the first 256 kB, and behind the last chunk. Chunks are of at most one
+//! behind the first chunk, which declares the topics, behind chunks of 256 kB before packing, and behind the last chunk. Chunks are of at most one
 //! second, or 4 kB where that is more, with these topics (name, schema, content):
 //!
 //! - `/radar/frame`, `radar_chaperone.Frame`: raw frames.

@@ -71,7 +71,7 @@ struct Intervals {
 }
 
 /// Leading bits by which intervals are grouped. Choice: at most 56 000 groups; the medians printed have four digits.
-const GROUP_BITS: u32 = 10;
+const GROUP_BITS: u32 = 11;
 
 impl Intervals {
     fn push(&mut self, interval_ns: i64) {

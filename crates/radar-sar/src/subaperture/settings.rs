@@ -30,7 +30,7 @@ pub struct SubapertureSettings {
     pub voxel_m: f64,
 }
 
-/// At both ends of each interval a furnished room gives obstacles and walls (`tests/program/settings_file.rs`): what ended
+/// At the end of each interval that makes mapping hardest, as far as the other settings allow it, a furnished room gives obstacles and walls (`tests/program/settings_file.rs`): what ended
 /// all warnings would go unnoticed.
 impl BoundedSettings for SubapertureSettings {
     const BOUNDS: &'static [SettingBound<Self>] = bounds![
