@@ -21,11 +21,10 @@ pub enum MountError {
 /// # Errors
 /// As [`Pose::try_new`]; a coordinate beyond 10 m.
 pub fn mount(position_m: [f64; 3], quaternion_xyzw: [f64; 4]) -> Result<Pose, MountError> {
-    let pose = Pose::try_new(position_m, quaternion_xyzw)?;
-    match pose.translation.abs().max_element() <= MAX_MOUNT_M {
-        true => Ok(pose),
-        false => Err(MountError::TooFar(position_m)),
+    if position_m.iter().any(|m| m.is_finite() && m.abs() > MAX_MOUNT_M) {
+        return Err(MountError::TooFar(position_m));
     }
+    Ok(Pose::try_new(position_m, quaternion_xyzw)?)
 }
 
 #[cfg(test)]
@@ -37,6 +36,7 @@ mod tests {
         let upright = [0.0, 0.0, 0.0, 1.0];
         assert!(mount([0.0, 10.0, -10.0], upright).is_ok());
         assert_eq!(mount([0.0, 0.0, -10.1], upright), Err(MountError::TooFar([0.0, 0.0, -10.1])));
+        assert!(matches!(mount([1e308, 0.0, 0.0], upright), Err(MountError::TooFar(_))));
         assert!(matches!(mount([f64::NAN, 0.0, 0.0], upright), Err(MountError::Pose(_))));
     }
 }
