@@ -7,6 +7,9 @@
 //! When the tracking system reports another room, or its raw universe leaps, all earlier positions
 //! are invalid: the session frame is defined anew and the map is reset.
 
+use std::collections::VecDeque;
+
+use glam::DVec3;
 use radar_sar::geometry::Pose;
 
 /// Poses of the universe closer than this are the same, metres and radians. Choice: well above the
@@ -22,6 +25,12 @@ const MIN_LEAP_M: f64 = 0.2;
 /// Poses farther apart in time are not compared, nanoseconds. Choice: five frames at 90 Hz; over
 /// longer gaps the speed limit would allow a metre.
 const MAX_PAIR_NS: i64 = 60_000_000;
+/// Time over which the speed before a leap is taken, nanoseconds. Choice: nine frames at 90 Hz.
+const RECENT_NS: i64 = 100_000_000;
+/// Longest excursion of a tracker without references, seconds, and cosine between its speed and its return, at least. Choice: as in
+/// `radar_sar::PoseHistory`.
+const MAX_EXCURSION_S: f64 = 1.5;
+const MIN_RETURN_COS: f64 = 0.8;
 
 /// Change of the tracking frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -97,34 +106,58 @@ impl Anchor {
     }
 }
 
-/// Distinguishes a leap of the raw universe from motion of the head.
+/// Distinguishes a leap of the raw universe from motion of the head, and from the return of a tracker that has strayed.
 #[derive(Debug, Default)]
 pub(super) struct LeapDetector {
-    last: Option<(i64, Pose)>,
+    /// Valid poses of the last tenth of a second, without a leap between them.
+    recent: VecDeque<(i64, DVec3)>,
 }
 
 impl LeapDetector {
     /// Whether the universe has leapt between the previous valid pose and this one.
     pub fn push(&mut self, time_ns: i64, raw_from_head: Pose) -> bool {
-        let Some((before_ns, before)) = self.last.replace((time_ns, raw_from_head)) else { return false };
-        let apart_ns = time_ns.saturating_sub(before_ns);
-        if !(0..=MAX_PAIR_NS).contains(&apart_ns) {
-            return false;
+        let head_m = raw_from_head.translation;
+        let before = self.recent.back().copied();
+        let step_m = before.and_then(|(before_ns, before_m)| {
+            let apart_ns = time_ns.saturating_sub(before_ns);
+            let allowed_m = MIN_LEAP_M.max(MAX_HEAD_M_PER_S * apart_ns as f64 * 1e-9);
+            let step_m = head_m - before_m;
+            ((0..=MAX_PAIR_NS).contains(&apart_ns) && step_m.length() > allowed_m).then_some(step_m)
+        });
+        let has_leapt = step_m.is_some_and(|step_m| !self.is_return(step_m));
+        if step_m.is_some() {
+            self.recent.clear();
         }
-        let allowed_m = MIN_LEAP_M.max(MAX_HEAD_M_PER_S * apart_ns as f64 * 1e-9);
-        raw_from_head.translation.distance(before.translation) > allowed_m
+        self.recent.push_back((time_ns, head_m));
+        while self.recent.front().is_some_and(|(of_ns, _)| time_ns.saturating_sub(*of_ns) > RECENT_NS) {
+            self.recent.pop_front();
+        }
+        has_leapt
+    }
+
+    /// Whether a step undoes what a tracker without references has strayed: it then had the speed that acceleration alone gives, against
+    /// the step. Whether the map follows the step, the mapper decides when it knows the speed after it as well.
+    fn is_return(&self, step_m: DVec3) -> bool {
+        let (Some((first_ns, first_m)), Some((last_ns, last_m))) = (self.recent.front(), self.recent.back()) else {
+            return false;
+        };
+        let passed_s = last_ns.saturating_sub(*first_ns) as f64 * 1e-9;
+        let velocity_m_per_s = (*last_m - *first_m) / passed_s.max(1e-3);
+        let against_m_per_s = -velocity_m_per_s.dot(step_m) / step_m.length();
+        let is_opposite = against_m_per_s >= MIN_RETURN_COS * velocity_m_per_s.length();
+        is_opposite && against_m_per_s * MAX_EXCURSION_S >= 2.0 * step_m.length()
     }
 
     /// Tracking was lost: the next pose may be anywhere.
     pub fn lost(&mut self) {
-        self.last = None;
+        self.recent.clear();
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DQuat, DVec3};
+    use glam::DQuat;
 
     fn turned(yaw_deg: f64, x: f64, z: f64) -> Pose {
         Pose::new(DVec3::new(x, 0.0, z), DQuat::from_rotation_y(yaw_deg.to_radians()))
@@ -178,5 +211,21 @@ mod tests {
         watch.lost();
         assert!(!watch.push(44_000_000, at(3.0)), "found again elsewhere");
         assert!(!watch.push(244_000_000, at(0.0)), "too long ago to compare");
+    }
+
+    #[test]
+    fn the_return_of_a_tracker_that_has_strayed_is_no_leap() {
+        // By acceleration alone, with an error of 2 m/s² for half a second; a step of the same size the other way is one.
+        for (to_m, is_leap) in [(0.0, false), (0.5, true)] {
+            let mut watch = LeapDetector::default();
+            let mut leaps = 0;
+            for n in 0..100i64 {
+                let since_s = n as f64 / 90.0;
+                let x = if n < 45 { since_s * since_s } else { to_m };
+                let pose = Pose::from_translation(DVec3::new(x, 1.6, 0.0));
+                leaps += usize::from(watch.push(n * 11_111_111, pose));
+            }
+            assert_eq!(leaps, usize::from(is_leap), "to {to_m} m");
+        }
     }
 }
