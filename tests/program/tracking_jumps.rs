@@ -130,3 +130,35 @@ fn what_goes_in_and_comes_out_is_in_the_frame_of_now() {
     let near = |at: &DVec3| evidence.voxels.iter().any(|(voxel, _)| voxel.as_dvec3().distance(*at) < 0.1);
     assert!(scene.obstacles.iter().any(|obstacle| near(&obstacle.position_m)), "evidence lies about the obstacles");
 }
+
+#[test]
+fn a_tracker_that_strays_and_returns_moves_nothing() {
+    let scenario = Scenario::new("furnished-room", "approach-chair", preset("d16").unwrap(), 7.0, 1);
+    let simulated = scenario.run().unwrap();
+    let from_ns = simulated.poses[simulated.poses.len() * 4 / 7].time_ns;
+    // By acceleration alone, with an error of 2 m/s² for half a second: a quarter of a metre.
+    let strayed = |pose: &PoseSample| {
+        let since_s = (pose.time_ns - from_ns) as f64 * 1e-9;
+        let off_m =
+            if (0.0..0.5).contains(&since_s) { DVec3::new(0.6, 0.1, -0.8) * since_s * since_s } else { DVec3::ZERO };
+        PoseSample { position_m: (DVec3::from_array(pose.position_m) + off_m).to_array(), ..*pose }
+    };
+    let poses: Vec<PoseSample> = simulated.poses.iter().map(strayed).collect();
+    let [_, undisturbed] = scenes(&scenario, &simulated, &simulated.poses, from_ns);
+    let [_, after] = scenes(&scenario, &simulated, &poses, from_ns);
+    let is_there = |expected: &&Obstacle| {
+        after.obstacles.iter().any(|obstacle| obstacle.position_m.distance(expected.position_m) < 0.05)
+    };
+    let found = undisturbed.obstacles.iter().filter(is_there).count();
+    assert!(
+        found >= 3 && found + 1 >= undisturbed.obstacles.len(),
+        "{:#?}\n{:#?}",
+        positions(&after),
+        positions(&undisturbed)
+    );
+    assert!(after.walls.len() >= 3);
+    for wall in &after.walls {
+        let same = undisturbed.walls.iter().find(|same| same.plane.outward.dot(wall.plane.outward) > 0.99);
+        assert!(same.is_some_and(|same| (same.plane.offset_m - wall.plane.offset_m).abs() < 0.03), "{wall:?}");
+    }
+}
