@@ -337,10 +337,10 @@ mod tests {
         assert!(warning(&mut track, 104).is_some());
         track.replace(103..105, "");
         assert_eq!((track.read_s(), track.tail.warning(105_000_000_000)), (vec![103, 104], None));
-        assert!(warning(&mut track, 107).unwrap().contains("is 6.0 s old: check that the program"));
-        assert_eq!(warning(&mut track, 108), None);
-        track.replace(1..110, "");
-        assert_eq!(warning(&mut track, 109), None);
+        assert!(warning(&mut track, 110).unwrap().contains("is 6.0 s old: check that the program"));
+        assert_eq!(warning(&mut track, 111), None);
+        track.replace(1..113, "");
+        assert_eq!(warning(&mut track, 112), None);
         assert!(warning(&mut track, 120).is_some());
     }
 
