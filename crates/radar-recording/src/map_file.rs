@@ -288,7 +288,8 @@ impl MapFolder {
             name.is_some_and(|name| name.starts_with("universe-") && name.ends_with(".json"))
         };
         let paths = entries.map(|entry| entry.path()).filter(|path| is_map(path) && path != but);
-        let aged = paths.filter_map(|path| Some((fs::metadata(&path).and_then(|data| data.modified()).ok()?, path)));
+        let age = |path: &PathBuf| fs::metadata(path).ok().filter(fs::Metadata::is_file)?.modified().ok();
+        let aged = paths.filter_map(|path| Some((age(&path)?, path)));
         let mut aged: Vec<_> = aged.collect();
         aged.sort_by(|a, b| b.cmp(a));
         aged.into_iter().map(|(_, path)| path).collect()
@@ -445,13 +446,15 @@ mod tests {
     fn oldest_maps_are_removed() {
         let folder = Folder::new("oldest");
         let maps = folder.maps();
+        // What is no file is no map, and stays.
+        fs::create_dir_all(folder.0.join("universe-none.json")).unwrap();
         for universe in 0..MAX_ROOMS as u64 + 3 {
             maps.save(&map(universe)).unwrap();
             let time = std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_000_000 + universe);
             File::options().append(true).open(maps.file(universe)).unwrap().set_modified(time).unwrap();
         }
         maps.save(&map(50)).unwrap();
-        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), MAX_ROOMS);
+        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), MAX_ROOMS + 1);
         assert!(maps.load(3).unwrap().is_none() && maps.load(4).unwrap().is_some() && maps.load(50).unwrap().is_some());
     }
 
