@@ -119,7 +119,7 @@ mod tests {
         times_ms.iter().map(|ms| stamps.classify(ms.saturating_mul(1_000_000))).collect()
     }
 
-    /// Verdicts on stamps that are 10 ms apart from a time on.
+    /// Stamps that are 10 ms apart, from a time on.
     fn run_from(first_ms: i64, count: usize) -> Vec<i64> {
         (0..count as i64).map(|n| first_ms.saturating_add(10 * n)).collect()
     }

@@ -17,9 +17,9 @@ pub(super) struct LiveFile {
 
 /// Where a live file is when it is complete.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Whereabouts {
+pub(super) enum Kept {
     /// Under its name.
-    There,
+    InPlace,
     /// It was removed, renamed or replaced: this is a copy.
     Copied(PathBuf),
 }
@@ -40,11 +40,11 @@ impl LiveFile {
     ///
     /// # Errors
     /// It cannot be copied.
-    pub fn keep(self) -> io::Result<Whereabouts> {
+    pub fn keep(self) -> io::Result<Kept> {
         match Handle::from_path(&self.path) {
-            Ok(there) if there == self.file => return Ok(Whereabouts::There),
+            Ok(there) if there == self.file => return Ok(Kept::InPlace),
             // There is a file that may not be opened.
-            Err(_) if self.path.symlink_metadata().is_ok() => return Ok(Whereabouts::There),
+            Err(_) if self.path.symlink_metadata().is_ok() => return Ok(Kept::InPlace),
             _ => {}
         }
         let copied = first_free(&self.path, |name| {
@@ -54,7 +54,7 @@ impl LiveFile {
             copied.inspect_err(|_| drop(std::fs::remove_file(name)))
         })?;
         sync_folder(&copied);
-        Ok(Whereabouts::Copied(copied))
+        Ok(Kept::Copied(copied))
     }
 }
 
@@ -71,23 +71,23 @@ mod tests {
         let folder = TestFile::new().0.clone();
         fs::create_dir_all(&folder).unwrap();
         let (path, other, copy) = (folder.join("r.mcap"), folder.join("other.mcap"), folder.join("r-2.mcap"));
-        let harms: [(&dyn Fn(), Whereabouts); 4] = [
-            (&|| {}, Whereabouts::There),
-            (&|| fs::rename(&path, &other).unwrap(), Whereabouts::Copied(copy.clone())),
-            (&|| fs::remove_file(&path).unwrap(), Whereabouts::Copied(copy.clone())),
+        let harms: [(&dyn Fn(), Kept); 4] = [
+            (&|| {}, Kept::InPlace),
+            (&|| fs::rename(&path, &other).unwrap(), Kept::Copied(copy.clone())),
+            (&|| fs::remove_file(&path).unwrap(), Kept::Copied(copy.clone())),
             (&|| fs::write(&other, b"theirs").and_then(|()| fs::rename(&other, &path)).unwrap(), {
-                Whereabouts::Copied(copy.clone())
+                Kept::Copied(copy.clone())
             }),
         ];
         for (harm, expected) in harms {
             let (live, mut file) = LiveFile::create(&path).unwrap();
             file.write_all(b"recorded").unwrap();
             harm();
-            let whereabouts = live.keep().unwrap();
-            assert_eq!(whereabouts, expected);
-            let kept = match &whereabouts {
-                Whereabouts::There => &path,
-                Whereabouts::Copied(copy) => copy,
+            let found = live.keep().unwrap();
+            assert_eq!(found, expected);
+            let kept = match &found {
+                Kept::InPlace => &path,
+                Kept::Copied(copy) => copy,
             };
             assert_eq!(fs::read(kept).unwrap(), b"recorded");
             [&path, &other, &copy].into_iter().for_each(|path| drop(fs::remove_file(path)));

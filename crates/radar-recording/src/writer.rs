@@ -16,7 +16,7 @@ use mcap::{Compression, McapError, McapResult, WriteOptions};
 use super::disk_sync::DiskSync;
 use super::foxglove_messages::{hand_pose, head_transform, mount_transform};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
-use super::live_file::{LiveFile, Whereabouts};
+use super::live_file::{Kept, LiveFile};
 use super::message::{
     DESCRIPTORS, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA, HANDS_TOPIC,
     HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_hands,
@@ -106,12 +106,12 @@ enum Place {
 
 impl Place {
     /// Passes what was written to the disk, under the recording's name.
-    fn keep(self, storage: &dyn Storage) -> io::Result<Whereabouts> {
+    fn keep(self, storage: &dyn Storage) -> io::Result<Kept> {
         match self {
             Self::Beside(whole) => {
                 storage.sync_all()?;
                 whole.rename()?;
-                Ok(Whereabouts::There)
+                Ok(Kept::InPlace)
             }
             Self::Live(file, sync) => {
                 sync.finish()?;
@@ -300,8 +300,8 @@ impl RecordingWriter {
         let Self { path, place, output, summary, .. } = self;
         let kept = output.end(&summary.header).and_then(|storage| Ok(place.keep(&*storage)?));
         match kept.map_err(|error| write_error(&path, error))? {
-            Whereabouts::There => Ok(summary),
-            Whereabouts::Copied(copy) => Err(RecordingError::Displaced { path, copy }),
+            Kept::InPlace => Ok(summary),
+            Kept::Copied(copy) => Err(RecordingError::Displaced { path, copy }),
         }
     }
 

@@ -105,9 +105,35 @@ fn before_from_after(poses: &[(f64, Pose)], first_after: usize, step: &Residual)
     Pose::new(reference.translation - off_m - rotation * reference.translation, rotation)
 }
 
+/// A tracker that loses its references goes on by acceleration alone: it strays by half the error of the acceleration times the
+/// square of the time, and returns with a jump that ends the error of its speed as well. Such a jump is no jump of the frame. It has at
+/// least this size, metres, and change of speed, metres a second, and ends an excursion of at most this length, seconds. Choices: less
+/// hurts no map; what the speed is uncertain by is a third of that; longer, what was mapped meanwhile is displaced as well.
+const MIN_RETURN_M: f64 = 0.05;
+const MIN_RETURN_M_PER_S: f64 = 0.15;
+const MAX_EXCURSION_S: f64 = 1.5;
+/// Cosine of the angle between the jump and the change of speed, at least. Choice: 37°, a tenth of all directions by chance.
+const MIN_RETURN_COS: f64 = 0.8;
+
+/// For how long the tracker had strayed, seconds, if a jump by `jump_m` before pose `first_after` is its return. `poses`: as for
+/// [`velocity_step`].
+pub(crate) fn excursion_s(poses: &[(f64, Pose)], first_after: usize, jump_m: DVec3) -> Option<f64> {
+    let size_m = jump_m.length();
+    if size_m < MIN_RETURN_M {
+        return None;
+    }
+    let change_m_per_s = velocity_step(poses, first_after)?;
+    let along_m_per_s = change_m_per_s.dot(jump_m) / size_m;
+    let excursion_s = 2.0 * size_m / along_m_per_s;
+    let is_return = along_m_per_s >= MIN_RETURN_M_PER_S
+        && along_m_per_s >= MIN_RETURN_COS * change_m_per_s.length()
+        && excursion_s <= MAX_EXCURSION_S;
+    is_return.then_some(excursion_s)
+}
+
 /// By how much the velocity changes at pose `first_after`, metres a second, beside a step. `poses`: those after a jump as they are
 /// without it, with their times in seconds.
-pub(crate) fn velocity_step(poses: &[(f64, Pose)], first_after: usize) -> Option<DVec3> {
+fn velocity_step(poses: &[(f64, Pose)], first_after: usize) -> Option<DVec3> {
     let (since_s, reference) = poses.get(first_after).copied()?;
     let motion = Motion::over(poses);
     let step = motion.residual_of(|at| at >= first_after);

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{BoundedSettings, SettingBound, bounds};
 
-use super::frame_step::{FrameStep, frame_step, velocity_step};
+use super::frame_step::{FrameStep, excursion_s, frame_step};
 use super::local_fit::value_and_rate_weights;
 use super::pose_jumps::JumpDetector;
 use super::{PoseRefusal, PoseSample};
@@ -110,18 +110,10 @@ const MIN_BEFORE: usize = 4;
 /// How many poses before the suspected one [`frame_step`] may find a jump, or a bad pose.
 const MAX_EARLIER: usize = 2;
 
-/// A tracker that loses its references goes on by acceleration alone: it strays by half the error of the acceleration times the
-/// square of the time, and returns with a jump that ends the error of its speed as well. Such a jump is no jump of the frame. It has at
-/// least this size, metres, and change of speed, metres a second, and ends an excursion of at most this length, seconds. Choices: less
-/// hurts no map; what the speed is uncertain by is a third of that; longer, what was mapped meanwhile is displaced as well. As many
-/// poses before it as in the second time, seconds, and at least so many, show the change of speed.
-const MIN_RETURN_M: f64 = 0.05;
-const MIN_RETURN_M_PER_S: f64 = 0.15;
-const MAX_EXCURSION_S: f64 = 1.5;
+/// Poses before a jump that show whether it is a return, nanoseconds, at least so many. Choice: with 46 ms after it, the change of
+/// speed is known to 0.05 m/s.
 const RETURN_WINDOW_NS: i64 = 200_000_000;
 const MIN_BEFORE_RETURN: usize = 10;
-/// Cosine of the angle between the jump and the change of speed, at least. Choice: 37°, a tenth of all directions by chance.
-const MIN_RETURN_COS: f64 = 0.8;
 
 /// A jump of the tracking frame that the path does not have.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -273,12 +265,11 @@ impl PoseHistory {
     fn excursion_s(&self, first_after: usize, end: usize, before_from_after: &Pose) -> Option<f64> {
         let after = self.entries[first_after].pose?;
         let jump_m = after.translation - before_from_after.transform_point(after.translation);
-        let size_m = jump_m.length();
         let first_after_ns = self.entries[first_after].time_ns;
         let since_ns = first_after_ns.saturating_sub(RETURN_WINDOW_NS);
         let is_used = |n: &usize| self.entries[*n].pose.is_some() && self.entries[*n].time_ns >= since_ns;
         let before = (0..first_after).rev().take_while(is_used).count();
-        if size_m < MIN_RETURN_M || before < MIN_BEFORE_RETURN {
+        if before < MIN_BEFORE_RETURN {
             return None;
         }
         let run = self.entries.range(first_after - before..end).enumerate().filter_map(|(n, entry)| {
@@ -286,13 +277,7 @@ impl PoseHistory {
             let since_s = entry.time_ns.saturating_sub(first_after_ns) as f64 * 1e-9;
             Some((since_s, if n < before { pose } else { *before_from_after * pose }))
         });
-        let change_m_per_s = velocity_step(&run.collect::<Vec<_>>(), before)?;
-        let along_m_per_s = change_m_per_s.dot(jump_m) / size_m;
-        let excursion_s = 2.0 * size_m / along_m_per_s;
-        let is_return = along_m_per_s >= MIN_RETURN_M_PER_S
-            && along_m_per_s >= MIN_RETURN_COS * change_m_per_s.length()
-            && excursion_s <= MAX_EXCURSION_S;
-        is_return.then_some(excursion_s)
+        excursion_s(&run.collect::<Vec<_>>(), before, jump_m)
     }
 
     /// Whether a jump of the tracking frame is being measured.
