@@ -10,7 +10,7 @@ use super::combination::Combination;
 use super::corrections::{BIAS, Matrix, OFFSET, Quadratic, SHIFT};
 use super::echoes::EchoReader;
 use super::fitted_track::FittedTrack;
-use super::path::SensorPath;
+use super::path::{SensorPath, Unsteadiness};
 use super::solver::{FormerTracks, Point, REACH_S, Solver};
 use super::track_fit::{MARGIN_NS, TrackFit};
 use super::tracks::{Track, Tracks};
@@ -30,6 +30,12 @@ const FORGET_S: f64 = 600.0;
 /// An offset with a greater 1σ counts as unobserved, seconds. Choice: 5 ms misplace an echo by 5 mm
 /// at 1 m/s; it would not improve anything.
 const OBSERVED_S: f64 = 5e-3;
+/// Less than this from rest is rest, and from uniform motion is uniform, metres. Choice: as far as a slow tracking error of 1 mm
+/// strays within a track, from which such a motion cannot be distinguished.
+const STEADY_M: f64 = 4e-3;
+/// Starts are compared again when this share of the tracks ended since. Choice: a track is then fitted for them twice on average,
+/// however long the motion leaves the offset unobserved.
+const COMPARE_AFTER_SHARE: f64 = 0.5;
 /// Greatest number of ended tracks that wait for the path to catch up, and of fitted ones. Choice: bounds memory when
 /// the path stops, and the work of an estimate.
 const MAX_WAITING: usize = 256;
@@ -96,8 +102,12 @@ pub struct SelfCalibration {
     former: FormerTracks,
     /// Where the echoes of former tracks came from.
     former_directions: VecDeque<Directions>,
-    /// Where the last estimate ended; `None` before the first whose time offset was observed.
+    /// Where the last estimate ended.
     last: Option<Point>,
+    /// Whether a comparison of starts found a time offset that was observed; then there is no further one.
+    is_start_known: bool,
+    /// Tracks that ended since starts were compared.
+    ended_since_comparison: usize,
 }
 
 impl SelfCalibration {
@@ -112,6 +122,8 @@ impl SelfCalibration {
             former: FormerTracks::default(),
             former_directions: VecDeque::new(),
             last: None,
+            is_start_known: false,
+            ended_since_comparison: 0,
         }
     }
 
@@ -143,8 +155,7 @@ impl SelfCalibration {
         let open: Vec<FittedTrack> = open.flat_map(|track| self.prepared(track)).collect();
         let ended = self.fitted.len();
         let mut tracks: Vec<FittedTrack> = self.fitted.drain(..).chain(open).collect();
-        let solver = Solver { settings: &self.settings, path: &self.path, former: &self.former };
-        let found = solver.solve(&mut tracks, self.last);
+        let found = self.solve(&mut tracks);
         tracks.truncate(ended);
         self.fitted = tracks.into();
         if let Some((point, combination)) = &found {
@@ -152,11 +163,26 @@ impl SelfCalibration {
         }
         self.forget_path(end_ns);
         let (point, combination) = found?;
-        let calibration = calibration(&point, &combination, &self.settings.errors);
-        if calibration.time_offset.observable {
-            self.last = Some(point);
+        Some(calibration(&point, &combination, &self.settings.errors))
+    }
+
+    /// Begins at the last estimate. Until the time offset is known, that may be the wrong one of several optima: starts are
+    /// compared before an offset counts as observed, and from time to time, since from a wrong one it may never be.
+    fn solve(&mut self, tracks: &mut [FittedTrack]) -> Option<(Point, Combination)> {
+        let solver = Solver { settings: &self.settings, path: &self.path, former: &self.former };
+        let is_due = self.ended_since_comparison as f64 >= COMPARE_AFTER_SHARE * tracks.len() as f64;
+        let last = self.last.filter(|_| self.is_start_known || !is_due);
+        let mut found = last.and_then(|last| solver.near(tracks, last));
+        let observed = |found: &Option<(Point, Combination)>| found.as_ref().is_some_and(|found| is_observed(&found.1));
+        if !self.is_start_known && (last.is_none() || observed(&found)) {
+            found = solver.of_best_start(tracks);
+            (self.ended_since_comparison, self.is_start_known) = (0, observed(&found));
         }
-        Some(calibration)
+        // From where the offset was observed, it does not wander off while it is not.
+        if !self.is_start_known || observed(&found) {
+            self.last = found.as_ref().map(|(point, _)| *point);
+        }
+        found
     }
 
     /// What the directions of the tracks' echoes show, as of the last estimate.
@@ -170,6 +196,7 @@ impl SelfCalibration {
         let until_ns = end_ns.saturating_sub(self.late_ns());
         while let Some(track) = self.waiting.pop_front_if(|track| track.last_ns() < until_ns) {
             self.fitted.extend(self.prepared(&track));
+            self.ended_since_comparison += 1;
         }
         while self.fitted.len() > MAX_FITTED {
             self.fitted.pop_front();
@@ -186,7 +213,7 @@ impl SelfCalibration {
     }
 
     /// The parts of a track along which the path is known, whatever the time offset: a gap in it, or a jump of the
-    /// tracking frame, parts the track.
+    /// tracking frame, parts the track. Those at rest show nothing.
     fn prepared(&self, track: &Track) -> Vec<FittedTrack> {
         let [early_ns, late_ns] = [self.early_ns(), self.late_ns()];
         let (from_ns, to_ns) = (track.first_ns().saturating_add(early_ns), track.last_ns().saturating_add(late_ns));
@@ -194,8 +221,13 @@ impl SelfCalibration {
             let index = |time_ns: i64| track.echoes.partition_point(|echo| echo.time_ns < time_ns);
             let begin = index(first_ns.saturating_sub(early_ns));
             let end = index(last_ns.saturating_sub(late_ns)).max(begin);
+            let Unsteadiness { from_rest_m, from_uniform_m } =
+                self.path.unsteadiness(first_ns.max(from_ns), last_ns.min(to_ns));
+            if from_rest_m < STEADY_M {
+                return None;
+            }
             let fit = TrackFit::new(&track.echoes[begin..end], track.forward, &self.settings.errors)?;
-            Some(FittedTrack::new(fit))
+            Some(FittedTrack::new(fit, from_uniform_m < STEADY_M))
         };
         self.path.stretches(from_ns, to_ns).into_iter().filter_map(part).collect()
     }
@@ -231,6 +263,10 @@ impl SelfCalibration {
     }
 }
 
+fn is_observed(combination: &Combination) -> bool {
+    combination.covariance[OFFSET][OFFSET].sqrt() <= OBSERVED_S
+}
+
 fn calibration(point: &Point, combination: &Combination, errors: &PositionErrors) -> Calibration {
     let covariance: &Matrix = &combination.covariance;
     let sigma_s = covariance[OFFSET][OFFSET].sqrt();
@@ -239,7 +275,7 @@ fn calibration(point: &Point, combination: &Combination, errors: &PositionErrors
         time_offset: TimeOffset {
             offset_s: point.at[OFFSET],
             sigma_s,
-            observable: sigma_s <= OBSERVED_S,
+            observable: is_observed(combination),
             tracks: combination.counts.0,
             tracks_left_out: combination.counts.1,
         },

@@ -25,6 +25,8 @@ pub(super) const DRIFT_SCALE_BOUNDS: (f64, f64) = (0.04, 64.0);
 #[derive(Debug, Clone)]
 pub(super) struct FittedTrack {
     pub fit: TrackFit,
+    /// The sensor went straight at constant speed: any time offset is equivalent to a displaced reflector.
+    pub is_uniform: bool,
     at: Corrections,
     /// Variance of the slow error that it was fitted with, relative to the settings'.
     drift_scale: f64,
@@ -35,8 +37,8 @@ pub(super) struct FittedTrack {
 
 impl FittedTrack {
     /// Not fitted for any corrections yet.
-    pub fn new(fit: TrackFit) -> Self {
-        Self { fit, at: Corrections::default(), drift_scale: 1.0, own_drift: None, information: None }
+    pub fn new(fit: TrackFit, is_uniform: bool) -> Self {
+        Self { fit, is_uniform, at: Corrections::default(), drift_scale: 1.0, own_drift: None, information: None }
     }
 
     /// Whether it was fitted for corrections and a variance of the slow error near these.

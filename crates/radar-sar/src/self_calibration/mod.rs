@@ -19,6 +19,7 @@ mod basis;
 mod boresight;
 mod combination;
 mod corrections;
+mod descent;
 mod echoes;
 mod estimator;
 mod fitted_track;

@@ -93,18 +93,39 @@ impl NormalEquations {
 }
 
 impl Factor {
+    /// Number of unknowns.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
     /// The solution for a right side.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
-        let (n, l, mut x) = (self.size, &self.lower, right.to_vec());
+        let mut column: Vec<[f64; 1]> = right.iter().map(|value| [*value]).collect();
+        self.forward(&mut column);
+        self.backward(column.into_iter().map(|[value]| value).collect())
+    }
+
+    /// Forward substitution: the first half of a solution, for several right sides side by side.
+    pub fn forward<const COLUMNS: usize>(&self, right: &mut [[f64; COLUMNS]]) {
+        let (n, l) = (self.size, &self.lower);
         for i in 0..n {
-            let dot: f64 = (0..i).map(|k| l[i * n + k] * x[k]).sum();
-            x[i] = (x[i] - dot) / l[i * n + i];
+            let (before, rest) = right.split_at_mut(i);
+            let mut dot = [0.0; COLUMNS];
+            for (factor, row) in l[i * n..].iter().zip(before) {
+                dot.iter_mut().zip(row).for_each(|(sum, value)| *sum += factor * *value);
+            }
+            rest[0].iter_mut().zip(dot).for_each(|(value, dot)| *value = (*value - dot) / l[i * n + i]);
         }
+    }
+
+    /// Backward substitution: the second half.
+    pub fn backward(&self, mut forward: Vec<f64>) -> Vec<f64> {
+        let (n, l, x) = (self.size, &self.lower, &mut forward);
         for i in (0..n).rev() {
             let dot: f64 = (i + 1..n).map(|k| l[k * n + i] * x[k]).sum();
             x[i] = (x[i] - dot) / l[i * n + i];
         }
-        x
+        forward
     }
 
     /// Variance of an unknown: its diagonal entry of the inverse.

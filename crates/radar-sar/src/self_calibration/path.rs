@@ -7,6 +7,9 @@ use crate::geometry::Pose;
 /// Samples farther apart than this are not joined, nanoseconds. Choice: the path is sampled every 5 ms where it is known; a
 /// missing sample is a pause, or a jump of the tracking frame.
 const MAX_STEP_NS: i64 = 7_500_000;
+/// Unsteadiness is that of all points within this distance of the sensor, metres. Choice: a head's radius, farther than a mount
+/// is wrong.
+const LEVER_M: f64 = 0.1;
 
 /// The sensor at a time.
 #[derive(Debug, Clone, Copy)]
@@ -15,6 +18,15 @@ pub(super) struct PathState {
     pub velocity_m_per_s: DVec3,
     /// `tracking_from_sensor`'s rotation.
     pub tracking_from_sensor: DMat3,
+}
+
+/// Greatest distances of any point within [`LEVER_M`] of the sensor from where it would be.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Unsteadiness {
+    /// Had the sensor stayed where it was first, metres.
+    pub from_rest_m: f64,
+    /// Had it gone straight to where it was last, at constant speed and without turning, metres.
+    pub from_uniform_m: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -65,6 +77,25 @@ impl SensorPath {
         let last = self.samples.partition_point(|s| s.time_ns < to_ns);
         let unbroken = |n: usize| self.samples[n].time_ns - self.samples[n - 1].time_ns <= MAX_STEP_NS;
         first > 0 && last < self.samples.len() && (first..=last).all(unbroken)
+    }
+
+    /// By how much the sensor departs from rest, and from uniform motion without rotation, from one time to the other.
+    pub fn unsteadiness(&self, from_ns: i64, to_ns: i64) -> Unsteadiness {
+        let index = |time_ns: i64| self.samples.partition_point(|s| s.time_ns < time_ns);
+        let samples = &self.samples[index(from_ns)..index(to_ns.saturating_add(1))];
+        let [Some(first), Some(last)] = [samples.first(), samples.last()] else { return Unsteadiness::default() };
+        let (start, way) = (first.state.position_m, last.state.position_m - first.state.position_m);
+        let span_ns = (last.time_ns - first.time_ns).max(1) as f64;
+        let mut greatest = Unsteadiness::default();
+        for Sample { time_ns, state } in samples {
+            let turned = state.tracking_from_sensor - first.state.tracking_from_sensor;
+            let turned_m = turned.to_cols_array_2d().map(|axis| LEVER_M * DVec3::from_array(axis).length());
+            let turned_m = turned_m.into_iter().fold(0.0, f64::max);
+            let on_line = start + way * ((time_ns - first.time_ns) as f64 / span_ns);
+            greatest.from_rest_m = greatest.from_rest_m.max(state.position_m.distance(start)).max(turned_m);
+            greatest.from_uniform_m = greatest.from_uniform_m.max(state.position_m.distance(on_line)).max(turned_m);
+        }
+        greatest
     }
 
     /// The path of a point this far from the sensor, metres in the sensor's axes.
@@ -145,6 +176,24 @@ mod tests {
         assert_eq!(path.stretches(100 * MS, 600 * MS), [(95 * MS, 245 * MS), (300 * MS, 495 * MS)]);
         assert_eq!(path.stretches(600 * MS, 700 * MS).len(), 1);
         assert_eq!(SensorPath::default().stretches(0, MS), []);
+    }
+
+    #[test]
+    fn motion_and_rotation_are_unsteady_and_uniform_motion_only_less_so() {
+        let path = |pose: &dyn Fn(f64) -> Pose| {
+            let mut path = SensorPath::default();
+            (0..200).for_each(|n| path.push(n * 5 * MS, &pose(n as f64 * 5e-3), DVec3::ZERO));
+            path
+        };
+        let along = |speed: f64| path(&|t| Pose::from_translation((t + 0.1 * t * t) * speed * DVec3::X));
+        let Unsteadiness { from_rest_m, from_uniform_m } = along(1.0).unsteadiness(0, 500 * MS);
+        // At most 0.1 · 0.25² off the line between its ends.
+        assert!((from_rest_m - 0.525).abs() < 1e-12 && (from_uniform_m - 0.1 * 0.0625).abs() < 1e-4);
+        assert_eq!(along(0.0).unsteadiness(0, 500 * MS), Unsteadiness::default());
+        let turns = path(&|t| Pose { rotation: DQuat::from_rotation_y(0.1 * t), ..Pose::IDENTITY });
+        let Unsteadiness { from_rest_m, from_uniform_m } = turns.unsteadiness(0, 500 * MS);
+        assert!((from_rest_m - 5e-3).abs() < 1e-5 && from_uniform_m == from_rest_m);
+        assert_eq!(SensorPath::default().unsteadiness(0, MS), Unsteadiness::default());
     }
 
     #[test]

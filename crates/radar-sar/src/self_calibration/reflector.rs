@@ -41,16 +41,28 @@ impl Reflector {
         }
     }
 
-    /// Derivatives of the range with respect to the unknowns and to the corrections.
-    pub fn derivatives(&self, state: &PathState) -> ([f64; REFLECTOR], Corrections) {
-        let (a, b) = self.direction.any_orthonormal_pair();
-        let (_, towards) = self.seen_from(state.position_m);
+    /// The directions that it moves in when its direction turns.
+    pub fn turns(&self) -> [DVec3; 2] {
+        self.direction.any_orthonormal_pair().into()
+    }
+
+    /// Range from a position, and its derivatives with respect to the unknowns; `turns`: see [`Self::turns`].
+    pub fn range_and_derivatives(&self, turns: [DVec3; 2], position_m: DVec3) -> (f64, [f64; REFLECTOR]) {
+        let (range_m, towards) = self.seen_from(position_m);
         let own = match self.kind {
             ReflectorKind::Point => {
-                [towards.dot(self.direction), self.range_m * towards.dot(a), self.range_m * towards.dot(b)]
+                let [first, second] = turns.map(|turn| self.range_m * towards.dot(turn));
+                [towards.dot(self.direction), first, second]
             }
-            ReflectorKind::Plane => [1.0, -state.position_m.dot(a), -state.position_m.dot(b)],
+            ReflectorKind::Plane => [1.0, -position_m.dot(turns[0]), -position_m.dot(turns[1])],
         };
+        (range_m, own)
+    }
+
+    /// Derivatives of the range with respect to the unknowns and to the corrections.
+    pub fn derivatives(&self, state: &PathState) -> ([f64; REFLECTOR], Corrections) {
+        let (_, own) = self.range_and_derivatives(self.turns(), state.position_m);
+        let (_, towards) = self.seen_from(state.position_m);
         let shift = -(state.tracking_from_sensor.transpose() * towards);
         (own, [-towards.dot(state.velocity_m_per_s), shift.x, shift.y, shift.z, 1.0])
     }

@@ -24,6 +24,9 @@ const STARTS_S: [f64; 5] = [0.0, -0.05, 0.05, -0.09, 0.09];
 /// offset; a likelihood ratio of e⁵.
 const LEAD_OF_FAR_START: f64 = 0.5;
 const CLEAR_GAIN: f64 = 10.0;
+/// Starts are compared by the newest tracks, at most so many. Choice: half of them do not agree by accident; it bounds
+/// the work of a comparison, which straight motion needs again and again.
+const COMPARED_TRACKS: usize = 32;
 /// Greatest steps of an iteration. Choice: the second-order approximation holds about as far.
 const MAX_STEP: Corrections = [0.02, 0.03, 0.03, 0.03, 0.01];
 /// Iterations of an estimate, and of each start. Choice: three to five suffice from a good start.
@@ -102,24 +105,37 @@ impl FormerTracks {
 }
 
 impl Solver<'_> {
-    /// The best corrections: from those of the last estimate, or from the best of several starts.
-    pub fn solve(&self, tracks: &mut [FittedTrack], last: Option<Point>) -> Option<(Point, Combination)> {
-        if let Some(last) = last {
-            return self.iterate(tracks, last, Rounds::Final);
-        }
-        let tried = STARTS_S.into_iter().filter_map(|offset_s| {
-            let mut at = Corrections::default();
-            at[OFFSET] = self.settings.middle_s + offset_s;
-            let mut tracks = tracks.to_vec();
-            let (point, _) = self.iterate(&mut tracks, Point { at, drift_scale: 1.0 }, Rounds::Start)?;
+    /// The best corrections near those of the last estimate.
+    pub fn near(&self, tracks: &mut [FittedTrack], last: Point) -> Option<(Point, Combination)> {
+        self.iterate(tracks, last, Rounds::Final)
+    }
+
+    /// The best corrections from the best of several starts.
+    pub fn of_best_start(&self, tracks: &mut [FittedTrack]) -> Option<(Point, Combination)> {
+        let best = self.best_start(tracks).unwrap_or_else(|| self.start(STARTS_S[0]));
+        self.iterate(tracks, best, Rounds::Final)
+    }
+
+    fn start(&self, from_middle_s: f64) -> Point {
+        let mut at = Corrections::default();
+        at[OFFSET] = self.settings.middle_s + from_middle_s;
+        Point { at, drift_scale: 1.0 }
+    }
+
+    /// Where the start ends that explains the tracks best; `None` where they do not distinguish time offsets.
+    fn best_start(&self, tracks: &[FittedTrack]) -> Option<Point> {
+        let varied = tracks.iter().rev().filter(|track| !track.is_uniform).take(COMPARED_TRACKS);
+        let varied: Vec<FittedTrack> = varied.cloned().collect();
+        let tried = STARTS_S.into_iter().filter_map(|from_middle_s| {
+            let mut tracks = varied.clone();
+            let (point, _) = self.iterate(&mut tracks, self.start(from_middle_s), Rounds::Start)?;
             Some((point, tracks))
         });
         let tried: Vec<(Point, Vec<FittedTrack>)> = tried.collect();
         let (near, near_tracks) = tried.first()?;
         let lead = |(_, tracks): &(Point, Vec<FittedTrack>)| lead(tracks, near_tracks);
         let best = tried.iter().map(|start| (lead(start), start.0)).max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let start = if best.0 >= LEAD_OF_FAR_START { best.1 } else { *near };
-        self.iterate(tracks, start, Rounds::Final)
+        Some(if best.0 >= LEAD_OF_FAR_START { best.1 } else { *near })
     }
 
     /// Gauss–Newton from a start.

@@ -1,5 +1,4 @@
-//! Fits one track for given corrections: its reflector, and the slow tracking error along the line of sight, by
-//! Levenberg–Marquardt.
+//! Fits one track for given corrections: its reflector, and the slow tracking error along the line of sight.
 //!
 //! Range i = |s − p(t_i + τ)| + b (point) or r₀ − n·(p(t_i + τ) − p̄) + b (plane) + slow error, where p is the path
 //! with the sensor shifted, τ the time offset and b the range bias.
@@ -11,6 +10,7 @@ use glam::{DMat2, DMat3, DVec2, DVec3};
 use super::basis::SlowErrorBasis;
 use super::boresight::{Aspect, Aspects, Directions};
 use super::corrections::{BIAS, CORRECTIONS, Corrections, OFFSET};
+use super::descent::Descent;
 use super::echoes::Echo;
 use super::information::Information;
 use super::mean_direction::{RangeChanges, Sighting};
@@ -30,7 +30,7 @@ const COARSE_ECHOES: usize = 40;
 const MAX_EXPLANATIONS: usize = 3;
 /// 1σ of the reflector's direction about the boresight. Choice: the beam's half-width of 34°; it only keeps an open
 /// unknown finite.
-const DIRECTION_PRIOR_RAD: f64 = 0.6;
+pub(super) const DIRECTION_PRIOR_RAD: f64 = 0.6;
 /// Jitter of the smoothed path, metres. Choice: the default 0.3 mm of a pose, of which a quadratic
 /// fit to eleven poses leaves 0.46.
 const JITTER_M: f64 = 0.15e-3;
@@ -63,8 +63,6 @@ const NOT_UNWRAPPED_COST: f64 = 4.0;
 const RIVAL_COST: f64 = 25.0;
 const RIVAL_RAD: f64 = 0.3;
 const MAX_DIRECTION_SIGMA_RAD: f64 = 0.2;
-/// Steps of a descent. Choice: it converges in some ten; more means that nothing fits.
-const MAX_STEPS: usize = 25;
 /// Relative decrease of the cost below which a descent stops: for intermediate results, and for
 /// the final one. Choice: enough to rank the starts; and far below the cost of one echo.
 const COARSE_GAIN: f64 = 1e-3;
@@ -74,20 +72,20 @@ const FINE_GAIN: f64 = 1e-5;
 #[derive(Debug, Clone)]
 pub(super) struct Row {
     time_ns: i64,
-    range_m: f64,
+    pub range_m: f64,
     pub variance_m2: f64,
     phase_m: f64,
     phase_time_ns: i64,
     ln_amplitude: f64,
 }
 
-/// A track, prepared for fits. It keeps its explanations, from which the next fit starts.
+/// A track, prepared for fits. It keeps the reflectors of its explanations, from which the next fit starts.
 #[derive(Debug, Clone)]
 pub(super) struct TrackFit {
-    forward: DVec3,
+    pub forward: DVec3,
     pub rows: Vec<Row>,
     pub basis: SlowErrorBasis,
-    explanations: Vec<Explanation>,
+    reflectors: Vec<Reflector>,
     /// Where its echoes come from; `None` before the first fit, and when they move with the head.
     pub directions: Option<Directions>,
     pub first_ns: i64,
@@ -97,17 +95,17 @@ pub(super) struct TrackFit {
 /// What a track follows, with the weights of the slow error's basis functions.
 #[derive(Debug, Clone)]
 pub(super) struct Explanation {
-    reflector: Reflector,
+    pub reflector: Reflector,
     pub slow_error: Vec<f64>,
 }
 
 /// Consecutive rows whose phases are unwrapped.
 pub(super) struct Segment {
-    rows: Range<usize>,
+    pub rows: Range<usize>,
     /// Ranges from phase, up to a constant that they share, metres.
-    ranges_m: Vec<f64>,
+    pub ranges_m: Vec<f64>,
     /// Values of the slow error's basis functions without their mean over the segment, row after row.
-    values: Vec<f64>,
+    pub values: Vec<f64>,
 }
 
 /// A fit of all unknowns of a track.
@@ -115,7 +113,7 @@ pub(super) struct Fitted {
     pub explanation: Explanation,
     pub weights: Vec<f64>,
     pub segments: Vec<Segment>,
-    cost: f64,
+    pub cost: f64,
 }
 
 /// One measured range, or one range from phase without the mean of its segment: measured minus modelled, weight, and
@@ -133,11 +131,11 @@ pub(super) struct Equation<'a> {
 pub(super) struct Problem<'a> {
     pub track: &'a TrackFit,
     /// Where the sensor was at each row's range and at its phase, relative to the middle of the path.
-    at_range: Vec<PathState>,
-    at_phase: Vec<PathState>,
+    pub at_range: Vec<PathState>,
+    pub at_phase: Vec<PathState>,
     /// Values of the slow error's basis functions, row after row.
     values: Vec<f64>,
-    bias_m: f64,
+    pub bias_m: f64,
     /// Variance of the drift relative to the settings'.
     pub drift_scale: f64,
 }
@@ -161,7 +159,7 @@ impl TrackFit {
             forward: forward.normalize_or(DVec3::NEG_Z),
             rows: echoes.iter().map(row).collect(),
             basis: SlowErrorBasis::over(first_ns, last_ns, errors),
-            explanations: Vec::new(),
+            reflectors: Vec::new(),
             directions: None,
             first_ns,
             last_ns,
@@ -177,14 +175,14 @@ impl TrackFit {
             self.directions = None;
             return None;
         }
-        let starts = match self.explanations.is_empty() {
+        let starts = match self.reflectors.is_empty() {
             true => problem.coarse(),
-            false => self.explanations.clone(),
+            false => self.reflectors.clone(),
         };
         let fits = apart(starts.into_iter().filter_map(|start| problem.fitted(start)).collect());
         let information = Information::of(&problem, fits.first()?)?;
         self.directions = changes.map(|changes| Directions { changes, aspects: problem.aspects(&fits) });
-        self.explanations = fits.into_iter().map(|fit| fit.explanation).collect();
+        self.reflectors = fits.iter().map(|fit| fit.explanation.reflector).collect();
         Some(information)
     }
 }
@@ -203,7 +201,7 @@ fn apart(mut fits: Vec<Fitted>) -> Vec<Fitted> {
 }
 
 impl<'a> Problem<'a> {
-    fn new(track: &'a TrackFit, path: &SensorPath, at: &Corrections, drift_scale: f64) -> Option<Self> {
+    pub fn new(track: &'a TrackFit, path: &SensorPath, at: &Corrections, drift_scale: f64) -> Option<Self> {
         let offset_ns = (at[OFFSET] * 1e9).round() as i64;
         let (from_ns, to_ns) = (track.first_ns.saturating_sub(MARGIN_NS), track.last_ns.saturating_add(MARGIN_NS));
         if !path.covers(from_ns.saturating_add(offset_ns), to_ns.saturating_add(offset_ns)) {
@@ -229,18 +227,18 @@ impl<'a> Problem<'a> {
         })
     }
 
-    fn rows(&self) -> &[Row] {
+    pub fn rows(&self) -> &[Row] {
         &self.track.rows
     }
 
     /// Values of the slow error's basis functions at a row.
-    fn values(&self, row: usize) -> &[f64] {
+    pub fn values(&self, row: usize) -> &[f64] {
         let length = self.track.basis.len();
         &self.values[row * length..(row + 1) * length]
     }
 
     /// Local minima over the reflector alone, from starting directions over the beam.
-    fn coarse(&self) -> Vec<Explanation> {
+    fn coarse(&self) -> Vec<Reflector> {
         let thinned = self.rows().len().div_ceil(COARSE_ECHOES);
         let some: Vec<f64> = (0..self.rows().len()).map(|n| if n % thinned == 0 { 1.0 } else { 0.0 }).collect();
         let range_m = self.rows().iter().map(|row| row.range_m).sum::<f64>() / self.rows().len() as f64 - self.bias_m;
@@ -249,15 +247,15 @@ impl<'a> Problem<'a> {
         let directions = [DVec3::ZERO, a, -a, b, -b].map(|d| (forward + d * COARSE_TANGENT).normalize());
         let kinds = [ReflectorKind::Point, ReflectorKind::Plane];
         let starts = kinds.iter().flat_map(|&kind| directions.map(|direction| Reflector { kind, direction, range_m }));
+        let Some(descent) = Descent::of_reflector(self, &some) else { return Vec::new() };
         let fit = |reflector: Reflector| {
-            let start = Explanation { reflector, slow_error: Vec::new() };
-            let (explanation, cost) = self.descend(start, &some, &[], COARSE_GAIN)?;
+            let (explanation, cost) = descent.from(reflector, COARSE_GAIN)?;
             Some(Fitted { explanation, weights: Vec::new(), segments: Vec::new(), cost })
         };
         let mut fits: Vec<Fitted> = starts.filter_map(fit).collect();
         let best = fits.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).map(|fit| fit.explanation.reflector);
         fits.extend(best.and_then(|best| fit(self.mirrored(&best))));
-        apart(fits).into_iter().map(|fit| fit.explanation).collect()
+        apart(fits).iter().map(|fit| fit.explanation.reflector).collect()
     }
 
     /// The reflector's mirror image in the plane that the path is closest to: a path in a plane does not distinguish them.
@@ -269,17 +267,18 @@ impl<'a> Problem<'a> {
     }
 
     /// Fit of all unknowns to the ranges, then to the phases too.
-    fn fitted(&self, mut start: Explanation) -> Option<Fitted> {
-        start.slow_error.resize(self.track.basis.len(), 0.0);
+    pub fn fitted(&self, start: Reflector) -> Option<Fitted> {
         let all = vec![1.0; self.rows().len()];
-        let (found, _) = self.descend(start, &all, &[], COARSE_GAIN)?;
-        let (mut explanation, _) = self.descend(found.clone(), &self.robust_weights(&found), &[], COARSE_GAIN)?;
+        let (found, _) = Descent::of_all(self, &all, &[])?.from(start, COARSE_GAIN)?;
+        let robust = self.robust_weights(&found);
+        let (mut explanation, _) = Descent::of_all(self, &robust, &[])?.from(found.reflector, COARSE_GAIN)?;
         let weights = self.robust_weights(&explanation);
         let (mut cost, mut segments) = (0.0, Vec::new());
         // Twice: a more accurate fit unwraps more phases.
         for _ in 0..2 {
             segments = self.unwrapped(&explanation);
-            (explanation, cost) = self.descend(explanation, &weights, &segments, FINE_GAIN)?;
+            let descent = Descent::of_all(self, &weights, &segments)?;
+            (explanation, cost) = descent.from(explanation.reflector, FINE_GAIN)?;
         }
         let left = self.rows().len() - segments.iter().map(|segment| segment.rows.len()).sum::<usize>();
         Some(Fitted { explanation, weights, segments, cost: cost + left as f64 * NOT_UNWRAPPED_COST })
@@ -356,7 +355,7 @@ impl<'a> Problem<'a> {
             for ((n, range_m), slow_error) in segment.rows.clone().zip(&segment.ranges_m).zip(values) {
                 let (reflector, corrections) = at.reflector.derivatives(&self.at_phase[n]);
                 let residual_m = range_m - at.reflector.seen_from(self.at_phase[n].position_m).0;
-                let (time_ns, weight) = (self.rows()[n].phase_time_ns, 1.0 / (PHASE_ERROR_M * PHASE_ERROR_M));
+                let (time_ns, weight) = (self.rows()[n].phase_time_ns, phase_weight());
                 all.push(Equation { time_ns, residual_m, weight, reflector, slow_error, corrections });
             }
             subtract_mean(&mut all[begin..]);
@@ -412,80 +411,44 @@ impl<'a> Problem<'a> {
         Some(DMat2::from_cols_array(&[x[1], x[2], y[1], y[2]]))
     }
 
-    /// Products of the slow error's derivatives, which are the same in every iteration.
-    fn constant_part(&self, unknowns: usize, weights: &[f64], segments: &[Segment]) -> NormalEquations {
-        let mut constant = NormalEquations::new(REFLECTOR + unknowns);
-        if unknowns > 0 {
-            for (n, (row, weight)) in self.rows().iter().zip(weights).enumerate() {
-                constant.add_linear(REFLECTOR, self.values(n), weight / row.variance_m2);
-            }
-            for values in segments.iter().flat_map(|segment| segment.values.chunks_exact(unknowns)) {
-                constant.add_linear(REFLECTOR, values, 1.0 / (PHASE_ERROR_M * PHASE_ERROR_M));
-            }
+    /// Products of the slow error's derivatives with each other, as unknowns from `begin` on.
+    pub fn slow_error_equations(&self, begin: usize, weights: &[f64], segments: &[Segment]) -> NormalEquations {
+        let basis = &self.track.basis;
+        let mut normal = NormalEquations::new(begin + basis.len());
+        for (n, (row, weight)) in self.rows().iter().zip(weights).enumerate() {
+            normal.add_linear(begin, self.values(n), weight / row.variance_m2);
         }
-        constant
-    }
-
-    /// The track's own normal equations, with its priors.
-    fn normal_equations(&self, at: &Explanation, of: &[Equation], constant: &NormalEquations) -> NormalEquations {
-        let mut normal = constant.clone();
-        for e in of {
-            normal.add(&e.reflector, e.slow_error, e.residual_m, e.weight);
-        }
-        for (turn, off) in at.reflector.expected_turns(self.track.forward).into_iter().enumerate() {
-            normal.expect(1 + turn, off, 1.0 / (DIRECTION_PRIOR_RAD * DIRECTION_PRIOR_RAD));
-        }
-        for (n, value) in at.slow_error.iter().enumerate() {
-            normal.expect(REFLECTOR + n, -value, 1.0 / self.track.basis.prior_variance(n, self.drift_scale));
+        for values in segments.iter().flat_map(|segment| segment.values.chunks_exact(basis.len())) {
+            normal.add_linear(begin, values, phase_weight());
         }
         normal
     }
 
-    /// The normal equations at a fit.
-    pub fn normal_equations_at(&self, fit: &Fitted, equations: &[Equation]) -> NormalEquations {
-        let constant = self.constant_part(fit.explanation.slow_error.len(), &fit.weights, &fit.segments);
-        self.normal_equations(&fit.explanation, equations, &constant)
+    /// Weight of the n-th slow error's prior.
+    pub fn slow_error_weight(&self, n: usize) -> f64 {
+        1.0 / self.track.basis.prior_variance(n, self.drift_scale)
     }
 
-    /// Levenberg–Marquardt, until a step reduces the cost by less than the given share.
-    fn descend(
-        &self,
-        start: Explanation,
-        weights: &[f64],
-        segments: &[Segment],
-        least_gain: f64,
-    ) -> Option<(Explanation, f64)> {
-        let constant = self.constant_part(start.slow_error.len(), weights, segments);
-        let normal = |at: &Explanation| self.normal_equations(at, &self.equations(at, weights, segments), &constant);
-        let mut at = start;
-        let mut equations = normal(&at);
-        let mut damping = 1e-4;
-        for _ in 0..MAX_STEPS {
-            let Some(factor) = equations.factor(damping) else { break };
-            let next = at.moved(&factor.solve(&equations.right));
-            let better = normal(&next);
-            if better.cost <= equations.cost {
-                let gained = equations.cost - better.cost;
-                (at, equations) = (next, better);
-                damping = (damping * 0.1).max(1e-9);
-                if gained <= least_gain * equations.cost.max(1e-3) {
-                    break;
-                }
-            } else if damping > 1e4 {
-                break;
-            } else {
-                damping *= 10.0;
-            }
+    /// The normal equations of all unknowns at a fit, with the priors.
+    pub fn normal_equations_at(&self, fit: &Fitted, equations: &[Equation]) -> NormalEquations {
+        let Explanation { reflector, slow_error } = &fit.explanation;
+        let mut normal = self.slow_error_equations(REFLECTOR, &fit.weights, &fit.segments);
+        for e in equations {
+            normal.add(&e.reflector, e.slow_error, e.residual_m, e.weight);
         }
-        Some((at, equations.cost)).filter(|(_, cost)| cost.is_finite())
+        for (turn, off) in reflector.expected_turns(self.track.forward).into_iter().enumerate() {
+            normal.expect(1 + turn, off, 1.0 / (DIRECTION_PRIOR_RAD * DIRECTION_PRIOR_RAD));
+        }
+        for (n, value) in slow_error.iter().enumerate() {
+            normal.expect(REFLECTOR + n, -value, self.slow_error_weight(n));
+        }
+        normal
     }
 }
 
-impl Explanation {
-    fn moved(&self, step: &[f64]) -> Self {
-        let slow_error = self.slow_error.iter().zip(&step[REFLECTOR..]).map(|(value, step)| value + step);
-        Self { reflector: self.reflector.moved(step), slow_error: slow_error.collect() }
-    }
+/// Weight of a range from phase.
+pub(super) fn phase_weight() -> f64 {
+    1.0 / (PHASE_ERROR_M * PHASE_ERROR_M)
 }
 
 fn slow_error_m(at: &Explanation, values: &[f64]) -> f64 {
