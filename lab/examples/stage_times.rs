@@ -27,7 +27,7 @@ fn main() {
     let duration_s = numbers.first().copied().unwrap_or(10.0);
     let seed = numbers.get(1).map_or(500, |n| *n as u64);
     for scene in scenes {
-        let cost = PipelineCost { scene, duration_s, seed, settings: settings.clone() };
+        let cost = PipelineCost { seed, settings: settings.clone(), ..PipelineCost::of_play(&scene, duration_s) };
         let table = cost.table(whole_alone).unwrap_or_else(|error| panic!("{error}"));
         println!("{}\n{}", table.caption, table.aligned());
     }

@@ -30,8 +30,10 @@ const REPETITIONS: usize = 3;
 /// A simulated recording whose processing is timed.
 #[derive(Debug, Clone)]
 pub struct PipelineCost {
-    /// The simulated scene, for example `furnished-room`.
+    /// The simulated scene, for example `furnished-room`, and how the sensor moves in it.
     pub scene: String,
+    /// See `scene`.
+    pub motion: String,
     /// Length of the recording, seconds.
     pub duration_s: f64,
     /// Its seed.
@@ -41,14 +43,29 @@ pub struct PipelineCost {
 }
 
 impl PipelineCost {
+    /// Of natural play with the default settings.
+    pub fn of_play(scene: &str, duration_s: f64) -> Self {
+        let (motion, settings) = ("natural".into(), Settings::default());
+        Self { scene: scene.into(), motion, duration_s, seed: 500, settings }
+    }
+
+    /// Share of a core of the whole mapper, percent.
+    ///
+    /// # Errors
+    /// There is no such scene or motion.
+    pub fn whole_share(&self) -> Result<String, ScenarioError> {
+        let table = self.table(true)?;
+        Ok(table.rows.last().map(|row| row[1].clone()).unwrap_or_default())
+    }
+
     /// The stages one by one and the whole mapper, or the whole mapper alone. Updates are (voxel in
     /// the beam, sweep) pairs.
     ///
     /// # Errors
-    /// There is no such scene.
+    /// There is no such scene or motion.
     pub fn table(&self, whole_alone: bool) -> Result<Table, ScenarioError> {
         let config = preset("d16").expect("d16 exists");
-        let scenario = Scenario::new(&self.scene, "natural", config, self.duration_s, self.seed);
+        let scenario = Scenario::new(&self.scene, &self.motion, config, self.duration_s, self.seed);
         let simulated = scenario.run()?;
         let mut costs = Costs { duration_s: self.duration_s, rows: Vec::new() };
         if !whole_alone {
@@ -56,7 +73,7 @@ impl PipelineCost {
         }
         pipelines(&scenario, &simulated, &self.settings, &mut costs);
         let head = ["stage", "% of a core", "work"].map(str::to_owned).to_vec();
-        let caption = format!("{}, {} s, seed {}", self.scene, self.duration_s, self.seed);
+        let caption = format!("{}, {}, {} s, seed {}", self.scene, self.motion, self.duration_s, self.seed);
         Ok(Table { head, rows: costs.rows, caption })
     }
 }

@@ -7,10 +7,16 @@ use anyhow::{Context, Result, ensure};
 use super::{Extent, Page, peers_table};
 use crate::experiments::{LiveLatency, PipelineCost};
 use radar_chaperone::report::Table;
-use radar_chaperone::settings::Settings;
 use radar_sar::{INSTRUCTIONS_VARIABLE, InstructionSet};
 
 const SCENES: [&str; 2] = ["furnished-room", "empty-room"];
+const MOTIONS: [(&str, &str); 4] = [
+    ("natural", "play"),
+    ("stationary", "at rest"),
+    ("x-50cm", "to and fro along a line of 50 cm"),
+    ("straight-0.3", "straight on, 0.3 m/s"),
+];
+
 pub(super) fn page(extent: Extent) -> Result<Page> {
     let duration_s = extent.choose(30.0, 2.0);
     let mut page = Page::new("Speed", "")
@@ -23,10 +29,12 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
         .heading("The whole pipeline by instruction set")
         .text("From frames and poses to the scene, on one thread, 10 s. `RADAR_CHAPERONE_INSTRUCTIONS` limits the set.")
         .table(&by_instruction_set(extent, extent.choose(10.0, 2.0))?)
+        .heading("The whole pipeline by motion")
+        .text("At rest and along a straight line the data do not show the time offset and the mount.")
+        .table(&by_motion(duration_s)?)
         .heading("Stages");
     for scene in SCENES {
-        let cost = PipelineCost { scene: scene.into(), duration_s, seed: 500, settings: Settings::default() };
-        page = page.table(&cost.table(false)?);
+        page = page.table(&PipelineCost::of_play(scene, duration_s).table(false)?);
     }
     let session = LiveLatency { duration_s: extent.choose(60.0, 2.0), ..LiveLatency::default() };
     Ok(page
@@ -67,13 +75,24 @@ fn by_instruction_set(extent: Extent, duration_s: f64) -> Result<Table> {
     Ok(Table { head: head.map(str::to_owned).to_vec(), rows, caption: String::new() })
 }
 
+fn by_motion(duration_s: f64) -> Result<Table> {
+    let mut rows = Vec::new();
+    for (motion, description) in MOTIONS {
+        let mut row = vec![description.to_owned()];
+        for scene in SCENES {
+            row.push(PipelineCost { motion: motion.into(), ..PipelineCost::of_play(scene, duration_s) }.whole_share()?);
+        }
+        rows.push(row);
+    }
+    let head = ["motion", "furnished room, % of a core", "empty room, % of a core"];
+    let caption = format!("{duration_s} s, all threads");
+    Ok(Table { head: head.map(str::to_owned).to_vec(), rows, caption })
+}
+
 /// Share of a core of the whole pipeline, percent.
 ///
 /// # Errors
 /// There is no such scene.
 pub fn whole_pipeline_share(scene: &str, duration_s: f64) -> Result<String> {
-    let cost = PipelineCost { scene: scene.into(), duration_s, seed: 500, settings: Settings::default() };
-    let table = cost.table(true)?;
-    let whole = table.rows.last().context("the whole mapper is timed")?;
-    Ok(whole[1].clone())
+    Ok(PipelineCost::of_play(scene, duration_s).whole_share()?)
 }
