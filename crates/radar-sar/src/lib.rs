@@ -117,6 +117,7 @@ pub use beam::{Beam, BeamError};
 pub use bound::{BoundSight, cramer_rao_bound};
 pub use compression::{CompressedSweep, RangeCompressor};
 pub use false_alarm::{NoiseMaxima, noise_like, sum_from_surprisal, surprisal};
+pub use frame_step::strayed_s;
 pub use noise::{subaperture_noise_rms, sweep_noise_rms};
 pub use observation::{Observation, SweepGeometry};
 pub use oracle::Oracle;

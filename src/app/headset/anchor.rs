@@ -27,10 +27,6 @@ const MIN_LEAP_M: f64 = 0.2;
 const MAX_PAIR_NS: i64 = 60_000_000;
 /// Time over which the speed before a leap is taken, nanoseconds. Choice: nine frames at 90 Hz.
 const RECENT_NS: i64 = 100_000_000;
-/// Longest excursion of a tracker without references, seconds, and cosine between its speed and its return, at least. Choice: as in
-/// `radar_sar::PoseHistory`.
-const MAX_EXCURSION_S: f64 = 1.5;
-const MIN_RETURN_COS: f64 = 0.8;
 
 /// Change of the tracking frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -143,9 +139,7 @@ impl LeapDetector {
         };
         let passed_s = last_ns.saturating_sub(*first_ns) as f64 * 1e-9;
         let velocity_m_per_s = (*last_m - *first_m) / passed_s.max(1e-3);
-        let against_m_per_s = -velocity_m_per_s.dot(step_m) / step_m.length();
-        let is_opposite = against_m_per_s >= MIN_RETURN_COS * velocity_m_per_s.length();
-        is_opposite && against_m_per_s * MAX_EXCURSION_S >= 2.0 * step_m.length()
+        radar_sar::strayed_s(step_m, -velocity_m_per_s).is_some()
     }
 
     /// Tracking was lost: the next pose may be anywhere.
