@@ -118,22 +118,21 @@ const MIN_RETURN_COS: f64 = 0.8;
 /// For how long the tracker had strayed, seconds, if a jump by `jump_m` before pose `first_after` is its return. `poses`: as for
 /// [`velocity_step`].
 pub(crate) fn excursion_s(poses: &[(f64, Pose)], first_after: usize, jump_m: DVec3) -> Option<f64> {
-    if jump_m.length() < MIN_RETURN_M {
-        return None;
-    }
     strayed_s(jump_m, velocity_step(poses, first_after)?)
 }
 
 /// For how long a tracker without references had strayed, seconds, if a jump by `jump_m` with this change of velocity is its return: it
-/// strayed with constant acceleration, so that the jump ends twice the mean speed. Otherwise `None`.
+/// strayed with constant acceleration, so that the jump ends twice the mean speed. `None` otherwise: less than 5 cm or 0.15 m/s,
+/// longer than 1.5 s, or not along each other.
 pub fn strayed_s(jump_m: DVec3, change_m_per_s: DVec3) -> Option<f64> {
     let size_m = jump_m.length();
     let along_m_per_s = change_m_per_s.dot(jump_m) / size_m;
-    let strayed_s = 2.0 * size_m / along_m_per_s;
-    let is_return = along_m_per_s >= MIN_RETURN_M_PER_S
+    let passed_s = 2.0 * size_m / along_m_per_s;
+    let is_return = size_m >= MIN_RETURN_M
+        && along_m_per_s >= MIN_RETURN_M_PER_S
         && along_m_per_s >= MIN_RETURN_COS * change_m_per_s.length()
-        && strayed_s <= MAX_EXCURSION_S;
-    is_return.then_some(strayed_s)
+        && passed_s <= MAX_EXCURSION_S;
+    is_return.then_some(passed_s)
 }
 
 /// By how much the velocity changes at pose `first_after`, metres a second, beside a step. `poses`: those after a jump as they are

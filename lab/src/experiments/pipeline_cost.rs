@@ -30,9 +30,9 @@ const REPETITIONS: usize = 3;
 /// A simulated recording whose processing is timed.
 #[derive(Debug, Clone)]
 pub struct PipelineCost {
-    /// The simulated scene, for example `furnished-room`, and how the sensor moves in it.
+    /// The simulated scene, for example `furnished-room`.
     pub scene: String,
-    /// See `scene`.
+    /// How the sensor moves in it, for example `natural`.
     pub motion: String,
     /// Length of the recording, seconds.
     pub duration_s: f64,
@@ -55,7 +55,7 @@ impl PipelineCost {
     /// There is no such scene or motion.
     pub fn whole_share(&self) -> Result<String, ScenarioError> {
         let table = self.table(true)?;
-        Ok(table.rows.last().map(|row| row[1].clone()).unwrap_or_default())
+        Ok(table.rows.last().expect("the whole mapper is timed")[1].clone())
     }
 
     /// The stages one by one and the whole mapper, or the whole mapper alone. Updates are (voxel in

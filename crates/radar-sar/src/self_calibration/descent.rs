@@ -8,9 +8,11 @@ use super::track_fit::{DIRECTION_PRIOR_RAD, Explanation, Problem, Segment, phase
 
 /// Steps of a descent. Choice: it converges in some five; more means that nothing fits.
 const MAX_STEPS: usize = 25;
-/// Damping at first, and its bounds. Choice: nearly undamped where the model is linear.
+/// Damping at first, at least, and from where on a step that does not help ends the descent. Choice: nearly undamped where the
+/// model is linear.
 const FIRST_DAMPING: f64 = 1e-4;
-const DAMPING_BOUNDS: (f64, f64) = (1e-9, 1e4);
+const MIN_DAMPING: f64 = 1e-9;
+const LAST_DAMPING: f64 = 1e4;
 /// Index of the residual in a row of derivatives.
 const RESIDUAL: usize = REFLECTOR;
 
@@ -65,16 +67,16 @@ impl<'a> Descent<'a> {
             let Some(factor) = at.normal.factor(damping) else { break };
             let step = factor.solve(&at.normal.right);
             let next = self.evaluate(at.reflector.moved(&step));
-            let is_small = |gain: f64| gain <= least_gain * next.normal.cost.max(1e-3);
+            let is_small = |gain: f64| gain <= least_gain * at.normal.cost.min(next.normal.cost).max(1e-3);
             let gained = at.normal.cost - next.normal.cost;
             if gained >= 0.0 {
                 let is_done = is_small(gained);
                 at = next;
-                damping = (damping * 0.1).max(DAMPING_BOUNDS.0);
+                damping = (damping * 0.1).max(MIN_DAMPING);
                 if is_done {
                     break;
                 }
-            } else if damping > DAMPING_BOUNDS.1 || is_small(promised(&step, &at.normal.right)) {
+            } else if damping > LAST_DAMPING || is_small(promised(&step, &at.normal.right)) {
                 break;
             } else {
                 damping *= 10.0;
@@ -88,19 +90,19 @@ impl<'a> Descent<'a> {
         let mut sums =
             Sums { own: [[0.0; REFLECTOR + 1]; REFLECTOR + 1], cross: vec![Row::default(); self.slow_error.size()] };
         let turns = reflector.turns();
-        let row = |range_m: f64, position_m| {
+        let row_of = |range_m: f64, position_m| {
             let (modelled_m, [range, first, second]) = reflector.range_and_derivatives(turns, position_m);
             [range, first, second, range_m - modelled_m]
         };
         let problem = self.problem;
         for (n, weight) in self.weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
             let measured = &problem.rows()[n];
-            let row = row(measured.range_m - problem.bias_m, problem.at_range[n].position_m);
+            let row = row_of(measured.range_m - problem.bias_m, problem.at_range[n].position_m);
             sums.add(&row, problem.values(n), weight / measured.variance_m2);
         }
         let mut rows: Vec<Row> = Vec::new();
         for segment in self.segments {
-            let of = |(range_m, n): (&f64, usize)| row(*range_m, problem.at_phase[n].position_m);
+            let of = |(range_m, n): (&f64, usize)| row_of(*range_m, problem.at_phase[n].position_m);
             rows.clear();
             rows.extend(segment.ranges_m.iter().zip(segment.rows.clone()).map(of));
             let sum = rows.iter().fold(Row::default(), |sum, row| std::array::from_fn(|k| sum[k] + row[k]));

@@ -33,8 +33,8 @@ const OBSERVED_S: f64 = 5e-3;
 /// Less than this from rest is rest, and from uniform motion is uniform, metres. Choice: as far as a slow tracking error of 1 mm
 /// strays within a track, from which such a motion cannot be distinguished.
 const STEADY_M: f64 = 4e-3;
-/// Starts are compared again when this share of the tracks ended since. Choice: a track is then fitted for them twice on average,
-/// however long the motion leaves the offset unobserved.
+/// Starts are compared again when this share of the tracks of other than uniform motion ended since. Choice: a track is then fitted
+/// for them about twice, however long the motion leaves the offset unobserved.
 const COMPARE_AFTER_SHARE: f64 = 0.5;
 /// Greatest number of ended tracks that wait for the path to catch up, and of fitted ones. Choice: bounds memory when
 /// the path stops, and the work of an estimate.
@@ -106,8 +106,8 @@ pub struct SelfCalibration {
     last: Option<Point>,
     /// Whether a comparison of starts found a time offset that was observed; then there is no further one.
     is_start_known: bool,
-    /// Tracks that ended since starts were compared.
-    ended_since_comparison: usize,
+    /// Tracks of other than uniform motion that ended since starts were compared; `None` before that.
+    varied_since_comparison: Option<usize>,
 }
 
 impl SelfCalibration {
@@ -123,7 +123,7 @@ impl SelfCalibration {
             former_directions: VecDeque::new(),
             last: None,
             is_start_known: false,
-            ended_since_comparison: 0,
+            varied_since_comparison: None,
         }
     }
 
@@ -167,20 +167,25 @@ impl SelfCalibration {
     }
 
     /// Begins at the last estimate. Until the time offset is known, that may be the wrong one of several optima: starts are
-    /// compared before an offset counts as observed, and from time to time, since from a wrong one it may never be.
+    /// compared before an offset counts as known, and from time to time, since from a wrong one it may never be observed.
     fn solve(&mut self, tracks: &mut [FittedTrack]) -> Option<(Point, Combination)> {
         let solver = Solver { settings: &self.settings, path: &self.path, former: &self.former };
-        let is_due = self.ended_since_comparison as f64 >= COMPARE_AFTER_SHARE * tracks.len() as f64;
-        let last = self.last.filter(|_| self.is_start_known || !is_due);
-        let mut found = last.and_then(|last| solver.near(tracks, last));
         let observed = |found: &Option<(Point, Combination)>| found.as_ref().is_some_and(|found| is_observed(&found.1));
-        if !self.is_start_known && (last.is_none() || observed(&found)) {
+        let varied = tracks.iter().filter(|track| !track.is_uniform).count();
+        let are_new = |count: usize| count as f64 >= COMPARE_AFTER_SHARE * varied as f64;
+        let is_open = !self.is_start_known && varied > 0;
+        let is_due = is_open && self.varied_since_comparison.is_none_or(are_new);
+        let mut found = match is_due {
+            true => None,
+            false => solver.near(tracks, self.last.unwrap_or_else(|| solver.start(0.0))),
+        };
+        if is_due || (is_open && observed(&found)) {
             found = solver.of_best_start(tracks);
-            (self.ended_since_comparison, self.is_start_known) = (0, observed(&found));
+            (self.varied_since_comparison, self.is_start_known) = (Some(0), observed(&found));
         }
         // From where the offset was observed, it does not wander off while it is not.
         if !self.is_start_known || observed(&found) {
-            self.last = found.as_ref().map(|(point, _)| *point);
+            self.last = found.as_ref().map(|(point, _)| *point).or(self.last);
         }
         found
     }
@@ -195,8 +200,11 @@ impl SelfCalibration {
     fn take_ended(&mut self, end_ns: i64) {
         let until_ns = end_ns.saturating_sub(self.late_ns());
         while let Some(track) = self.waiting.pop_front_if(|track| track.last_ns() < until_ns) {
-            self.fitted.extend(self.prepared(&track));
-            self.ended_since_comparison += 1;
+            let parts = self.prepared(&track);
+            if let Some(count) = &mut self.varied_since_comparison {
+                *count += parts.iter().filter(|part| !part.is_uniform).count();
+            }
+            self.fitted.extend(parts);
         }
         while self.fitted.len() > MAX_FITTED {
             self.fitted.pop_front();
@@ -351,8 +359,10 @@ mod tests {
         assert!(estimate.is_none_or(|e| !e.observable && e.sigma_s > 0.01), "{estimate:?}");
         // At rest, pose jitter does not count as motion.
         let jitter = |t: f64| 0.12e-3 * DVec3::new((61.0 * t).sin(), (53.0 * t).cos(), (57.0 * t).sin());
-        let estimate = offset(estimated(|_| DVec3::ZERO, level(jitter), &POINT, (2.0, 0.02)));
-        assert!(estimate.is_none_or(|e| !e.observable), "{estimate:?}");
+        assert_eq!(estimated(|_| DVec3::ZERO, level(jitter), &POINT, (2.0, 0.02)), None);
+        let sway = |t: f64| 40.0 * jitter(0.02 * t);
+        let estimate = offset(estimated(sway, level(sway), &POINT, (2.0, 0.02))).unwrap();
+        assert!(!estimate.observable, "{estimate:?}");
     }
 
     #[test]
@@ -366,6 +376,55 @@ mod tests {
     #[test]
     fn noise_gives_no_estimate() {
         assert_eq!(estimated(winding, level(winding), &[], (2.0, 0.02)), None);
+    }
+
+    /// Estimates once a second along a path whose poses have another offset than the middle of the search.
+    fn estimates(
+        path: impl Fn(f64) -> Pose,
+        duration_s: i32,
+        middle_s: f64,
+        offset_s: f64,
+    ) -> Vec<Option<Calibration>> {
+        let mut estimator = SelfCalibration::new(CalibrationSettings { middle_s, ..settings() });
+        let sweeps = sweeps(f64::from(duration_s), |t| path(t).translation, &POINT, 1);
+        let mut sweeps = sweeps.iter().peekable();
+        let mut found = Vec::new();
+        for step in -60..duration_s * 200 + 60 {
+            let time_s = f64::from(step) * 5e-3;
+            let velocity = (path(time_s + 1e-4).translation - path(time_s - 1e-4).translation) / 2e-4;
+            estimator.push_path(1_000_000_000 + ((time_s + offset_s) * 1e9) as i64, &path(time_s), velocity);
+            let until_ns = 1_000_000_000 + (time_s * 1e9) as i64;
+            while let Some(sweep) = sweeps.next_if(|sweep| sweep.mid_time_ns < until_ns) {
+                estimator.push_sweep(sweep);
+            }
+            if step > 0 && step % 200 == 0 {
+                found.push(estimator.estimate());
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn far_offset_is_found_after_motion_that_left_it_open() {
+        // Straight on for 8 s, then to and fro.
+        let path =
+            |t: f64| Pose::from_translation(DVec3::Z * (-0.03 * t.min(8.0)) + wide((t - 8.0).max(0.0)) - wide(0.0));
+        let found = estimates(path, 16, 0.02, -0.06);
+        let observed = |estimate: &Option<Calibration>| estimate.is_some_and(|e| e.time_offset.observable);
+        assert!(!found[..7].iter().any(observed), "{found:?}");
+        assert!(is_right(found[found.len() - 1], -0.06), "{:?}", found[found.len() - 1]);
+    }
+
+    #[test]
+    fn what_was_found_outlasts_a_long_rest() {
+        // The head moves for 8 s and lies still for 50 s.
+        let path = |t: f64| turning(t.min(8.0));
+        let found = estimates(path, 58, 0.0, 0.0);
+        let [moving, rested] = [found[8], found[found.len() - 1]].map(Option::unwrap);
+        assert!(moving.time_offset.observable && !rested.time_offset.observable);
+        assert!(rested.mount_shift_m.distance(moving.mount_shift_m) < 3e-3, "{moving:?} {rested:?}");
+        let sigma_m = |found: &Calibration| found.mount_covariance_m2.x_axis.x.sqrt();
+        assert!(sigma_m(&rested) < 2.0 * sigma_m(&moving), "{moving:?} {rested:?}");
     }
 
     /// A head that moves and turns by half a radian.

@@ -7,8 +7,8 @@ use crate::geometry::Pose;
 /// Samples farther apart than this are not joined, nanoseconds. Choice: the path is sampled every 5 ms where it is known; a
 /// missing sample is a pause, or a jump of the tracking frame.
 const MAX_STEP_NS: i64 = 7_500_000;
-/// Unsteadiness is that of all points within this distance of the sensor, metres. Choice: a head's radius, farther than a mount
-/// is wrong.
+/// Unsteadiness is that of the sensor, and by rotation that of the points this far along its axes, metres. Choice: a head's radius,
+/// farther than a mount is wrong.
 const LEVER_M: f64 = 0.1;
 
 /// The sensor at a time.
@@ -20,7 +20,7 @@ pub(super) struct PathState {
     pub tracking_from_sensor: DMat3,
 }
 
-/// Greatest distances of any point within [`LEVER_M`] of the sensor from where it would be.
+/// Greatest distances of the sensor, or by rotation of a point [`LEVER_M`] from it, from where they would be.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Unsteadiness {
     /// Had the sensor stayed where it was first, metres.

@@ -69,7 +69,7 @@ impl Reflector {
 
     /// After a step of the unknowns.
     pub fn moved(&self, step: &[f64]) -> Self {
-        let (a, b) = self.direction.any_orthonormal_pair();
+        let [a, b] = self.turns();
         let turn = (a * step[1] + b * step[2]).clamp_length_max(MAX_TURN_RAD);
         let range_m = self.range_m + step[0].clamp(-MAX_RANGE_STEP_M, MAX_RANGE_STEP_M);
         Self { direction: (self.direction + turn).normalize(), range_m: range_m.max(MIN_RANGE_M), ..*self }
@@ -77,7 +77,7 @@ impl Reflector {
 
     /// How far the direction lies from the expected one along each rotation, rad.
     pub fn expected_turns(&self, expected: DVec3) -> [f64; 2] {
-        let (a, b) = self.direction.any_orthonormal_pair();
+        let [a, b] = self.turns();
         [expected.dot(a), expected.dot(b)]
     }
 

@@ -1,5 +1,7 @@
 //! The corrections that explain the tracks best, by Gauss–Newton, and how large the slow tracking error is.
 
+use std::cmp::Reverse;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -24,8 +26,8 @@ const STARTS_S: [f64; 5] = [0.0, -0.05, 0.05, -0.09, 0.09];
 /// offset; a likelihood ratio of e⁵.
 const LEAD_OF_FAR_START: f64 = 0.5;
 const CLEAR_GAIN: f64 = 10.0;
-/// Starts are compared by the newest tracks, at most so many. Choice: half of them do not agree by accident; it bounds
-/// the work of a comparison, which straight motion needs again and again.
+/// Starts are compared by the longest tracks, at most so many. Choice: long ones show most; it bounds the work of a
+/// comparison, which motion that leaves the offset unobserved needs again and again.
 const COMPARED_TRACKS: usize = 32;
 /// Greatest steps of an iteration. Choice: the second-order approximation holds about as far.
 const MAX_STEP: Corrections = [0.02, 0.03, 0.03, 0.03, 0.01];
@@ -98,6 +100,11 @@ pub(super) struct FormerTracks {
 }
 
 impl FormerTracks {
+    /// Whether there were none.
+    pub fn is_empty(&self) -> bool {
+        self.quadratic.matrix.iter().flatten().all(|value| *value == 0.0)
+    }
+
     /// The same, seen from other corrections.
     pub fn seen_from(&self, at: &Corrections) -> Quadratic {
         self.quadratic.after(&std::array::from_fn(|k| at[k] - self.at[k]))
@@ -105,27 +112,29 @@ impl FormerTracks {
 }
 
 impl Solver<'_> {
-    /// The best corrections near those of the last estimate.
-    pub fn near(&self, tracks: &mut [FittedTrack], last: Point) -> Option<(Point, Combination)> {
-        self.iterate(tracks, last, Rounds::Final)
+    /// The best corrections near these.
+    pub fn near(&self, tracks: &mut [FittedTrack], start: Point) -> Option<(Point, Combination)> {
+        self.iterate(tracks, start, Rounds::Final)
     }
 
     /// The best corrections from the best of several starts.
     pub fn of_best_start(&self, tracks: &mut [FittedTrack]) -> Option<(Point, Combination)> {
-        let best = self.best_start(tracks).unwrap_or_else(|| self.start(STARTS_S[0]));
-        self.iterate(tracks, best, Rounds::Final)
+        let best = self.best_start(tracks)?;
+        self.near(tracks, best)
     }
 
-    fn start(&self, from_middle_s: f64) -> Point {
+    /// A time offset this far from the middle of the search, and nothing else.
+    pub fn start(&self, from_middle_s: f64) -> Point {
         let mut at = Corrections::default();
         at[OFFSET] = self.settings.middle_s + from_middle_s;
         Point { at, drift_scale: 1.0 }
     }
 
-    /// Where the start ends that explains the tracks best; `None` where they do not distinguish time offsets.
+    /// Where the start ends that explains the tracks best; `None` where no track distinguishes time offsets.
     fn best_start(&self, tracks: &[FittedTrack]) -> Option<Point> {
-        let varied = tracks.iter().rev().filter(|track| !track.is_uniform).take(COMPARED_TRACKS);
-        let varied: Vec<FittedTrack> = varied.cloned().collect();
+        let mut varied: Vec<&FittedTrack> = tracks.iter().filter(|track| !track.is_uniform).collect();
+        varied.sort_by_key(|track| Reverse(track.fit.last_ns.saturating_sub(track.fit.first_ns)));
+        let varied: Vec<FittedTrack> = varied.into_iter().take(COMPARED_TRACKS).cloned().collect();
         let tried = STARTS_S.into_iter().filter_map(|from_middle_s| {
             let mut tracks = varied.clone();
             let (point, _) = self.iterate(&mut tracks, self.start(from_middle_s), Rounds::Start)?;
@@ -150,8 +159,14 @@ impl Solver<'_> {
                 Rounds::Final => drift_change(tracks.iter().filter_map(FittedTrack::own_drift), point.drift_scale),
             };
             let terms = point.terms(tracks.iter(), &self.settings.errors);
-            let combination =
-                if terms.is_empty() { None } else { combine(&terms, &self.prior_at(&point.at), &TRACK_SPREAD) }?;
+            if terms.is_empty() && self.former.is_empty() {
+                return None;
+            }
+            let combination = combine(&terms, &self.prior_at(&point.at), &TRACK_SPREAD)?;
+            if terms.is_empty() {
+                // After a long rest: what was known stays known, and stays.
+                return Some((point, combination));
+            }
             let is_small = |k: usize| combination.step[k].abs() <= SMALL_STEP * combination.covariance[k][k].sqrt();
             let is_done = (0..CORRECTIONS).all(is_small) && (1.0 / REFIT_DRIFT..REFIT_DRIFT).contains(&change);
             self.step(&mut point, &combination.step, change);
