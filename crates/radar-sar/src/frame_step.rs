@@ -115,12 +115,6 @@ const MAX_EXCURSION_S: f64 = 1.5;
 /// Cosine of the angle between the jump and the change of speed, at least. Choice: 37°, a tenth of all directions by chance.
 const MIN_RETURN_COS: f64 = 0.8;
 
-/// For how long the tracker had strayed, seconds, if a jump by `jump_m` before pose `first_after` is its return. `poses`: as for
-/// [`velocity_step`].
-pub(crate) fn excursion_s(poses: &[(f64, Pose)], first_after: usize, jump_m: DVec3) -> Option<f64> {
-    strayed_s(jump_m, velocity_step(poses, first_after)?)
-}
-
 /// For how long a tracker without references had strayed, seconds, if a jump by `jump_m` with this change of velocity is its return: it
 /// strayed with constant acceleration, so that the jump ends twice the mean speed. `None` otherwise: less than 5 cm or 0.15 m/s,
 /// longer than 1.5 s, or not along each other.
@@ -137,7 +131,7 @@ pub fn strayed_s(jump_m: DVec3, change_m_per_s: DVec3) -> Option<f64> {
 
 /// By how much the velocity changes at pose `first_after`, metres a second, beside a step. `poses`: those after a jump as they are
 /// without it, with their times in seconds.
-fn velocity_step(poses: &[(f64, Pose)], first_after: usize) -> Option<DVec3> {
+pub(crate) fn velocity_step(poses: &[(f64, Pose)], first_after: usize) -> Option<DVec3> {
     let (since_s, reference) = poses.get(first_after).copied()?;
     let motion = Motion::over(poses);
     let step = motion.residual_of(|at| at >= first_after);

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{BoundedSettings, SettingBound, bounds};
 
-use super::frame_step::{FrameStep, excursion_s, frame_step};
+use super::frame_step::{FrameStep, frame_step, strayed_s, velocity_step};
 use super::local_fit::value_and_rate_weights;
 use super::pose_jumps::JumpDetector;
 use super::{PoseRefusal, PoseSample};
@@ -277,7 +277,7 @@ impl PoseHistory {
             let since_s = entry.time_ns.saturating_sub(first_after_ns) as f64 * 1e-9;
             Some((since_s, if n < before { pose } else { *before_from_after * pose }))
         });
-        excursion_s(&run.collect::<Vec<_>>(), before, jump_m)
+        strayed_s(jump_m, velocity_step(&run.collect::<Vec<_>>(), before)?)
     }
 
     /// Whether a jump of the tracking frame is being measured.

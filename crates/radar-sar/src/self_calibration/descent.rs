@@ -165,6 +165,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pose;
     use crate::self_calibration::corrections::Corrections;
     use crate::self_calibration::echoes::Echo;
     use crate::self_calibration::path::SensorPath;
@@ -176,8 +177,8 @@ mod tests {
 
     const STEP_NS: i64 = 5_000_000;
 
-    fn pose(time_ns: i64) -> crate::geometry::Pose {
-        crate::geometry::Pose::from_translation(winding(time_ns as f64 * 1e-9))
+    fn pose(time_ns: i64) -> Pose {
+        Pose::from_translation(winding(time_ns as f64 * 1e-9))
     }
 
     fn path() -> SensorPath {
