@@ -124,6 +124,9 @@ pub(super) fn find_metadata<T>(
     }
 }
 
+/// At most so much memory is reserved for what a file claims, bytes. Choice: a chunk as it is written, about 1 MiB, fits unpacked.
+const RESERVED_BYTES: u64 = 1 << 20;
+
 /// Up to this many bytes from an offset on. Memory grows with what is there, not with what is requested.
 pub(super) fn read_at(input: &mut (impl Read + Seek), at: u64, bytes: u64) -> io::Result<Vec<u8>> {
     input.seek(SeekFrom::Start(at))?;
@@ -132,7 +135,7 @@ pub(super) fn read_at(input: &mut (impl Read + Seek), at: u64, bytes: u64) -> io
 
 /// Reads up to this many bytes.
 pub(super) fn read_up_to(input: &mut impl Read, bytes: u64) -> io::Result<Vec<u8>> {
-    let mut read = Vec::new();
+    let mut read = Vec::with_capacity(bytes.min(RESERVED_BYTES) as usize);
     input.take(bytes).read_to_end(&mut read)?;
     Ok(read)
 }
