@@ -133,7 +133,7 @@ type SubapertureKey = (i64, usize);
 struct Row {
     updates_unqueried: u32,
     first: u64,
-    cached: Vec<CachedResponse>,
+    cached: VecDeque<CachedResponse>,
 }
 
 /// The cached responses to all points.
@@ -173,9 +173,9 @@ impl ResponseCache {
         });
     }
 
-    /// Responses to a point, one for each sub-aperture; empty before [`Self::query`].
-    pub(super) fn cached(&self, point: DVec3) -> &[CachedResponse] {
-        self.rows.get(&key(point)).map_or(&[], |row| &row.cached)
+    /// Responses to a point, one for each sub-aperture; none before [`Self::query`].
+    pub(super) fn cached(&self, point: DVec3) -> impl Iterator<Item = &CachedResponse> {
+        self.rows.get(&key(point)).into_iter().flat_map(|row| &row.cached)
     }
 
     /// Queries all sub-apertures for all points. The function evaluates some points in one

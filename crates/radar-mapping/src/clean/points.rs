@@ -1,5 +1,7 @@
 //! Points: cached responses, and the hill climb between the voxels.
 
+use std::collections::BTreeSet;
+
 use glam::{DVec3, IVec3};
 
 use super::candidate::{Candidate, Hypothesis};
@@ -39,7 +41,7 @@ impl<'a> PointSearch<'a> {
 
     /// The candidate at a queried point.
     pub fn candidate(&self, place: DVec3, residual: &Residual) -> Candidate {
-        let responses = self.cache.cached(place).iter().map(|cached| cached.flatten()).collect();
+        let responses = self.cache.cached(place).map(|cached| cached.flatten()).collect();
         residual.candidate(Hypothesis::Point(place), responses)
     }
 
@@ -49,7 +51,7 @@ impl<'a> PointSearch<'a> {
             let is_masked = |v: &Response| masks.iter().any(|mask| mask.covers(v.range_m, v.cos));
             cached.flatten().filter(|response| !is_masked(response))
         };
-        let of_all = self.cache.cached(place).iter().zip(residual.masks().iter());
+        let of_all = self.cache.cached(place).zip(residual.masks().iter());
         let responses: Vec<Option<Response>> = of_all.map(unmasked).collect();
         let unmasked = residual.score(responses.iter().map(Option::as_ref));
         unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score)
@@ -66,9 +68,12 @@ impl<'a> PointSearch<'a> {
         }
         let place = |at: IVec3| start + at.as_dvec3() * CLIMB_UNIT_M;
         let (mut here, mut step) = (IVec3::ZERO, CLIMB_UNITS);
+        // No point visited before scores more than the best of them.
+        let mut visited = BTreeSet::from([here.to_array()]);
         while step > 0 {
-            let around = (0..27).filter(|n| *n != 13).map(|n| here + (IVec3::new(n % 3, n / 3 % 3, n / 9) - 1) * step);
-            let near: Vec<IVec3> = around.filter(|at| place(*at).distance(start) <= CLIMB_REACH_M).collect();
+            let around = (0..27).map(|n| here + (IVec3::new(n % 3, n / 3 % 3, n / 9) - 1) * step);
+            let within = around.filter(|at| place(*at).distance(start) <= CLIMB_REACH_M);
+            let near: Vec<IVec3> = within.filter(|at| visited.insert(at.to_array())).collect();
             self.query(&near.iter().map(|at| place(*at)).collect::<Vec<_>>(), residual);
             let scores = near.iter().map(|at| (*at, self.score(place(*at), residual)));
             match scores.max_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -90,7 +95,7 @@ impl<'a> PointSearch<'a> {
                 (None, Some(response)) => Some(Likelihood { response, is_masked: true }),
                 (None, None) => None,
             };
-            self.cache.cached(*place).iter().zip(unmasked).map(of_one).collect()
+            self.cache.cached(*place).zip(unmasked).map(of_one).collect()
         };
         places.iter().zip(unmasked).map(of_point).collect()
     }
