@@ -42,6 +42,27 @@ pub struct PlaneAt {
     pub distance_m: f32,
 }
 
+/// Parallel planes, evenly spaced, relative to a sub-aperture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParallelPlanes {
+    /// Unit normal, pointing towards the planes.
+    pub toward: [f32; 3],
+    /// Distance of the first plane from the sub-aperture's middle, metres.
+    pub first_m: f32,
+    /// Distance from one plane to the next, metres.
+    pub step_m: f32,
+    /// Number of planes.
+    pub count: usize,
+}
+
+impl ParallelPlanes {
+    /// One of them.
+    #[inline(always)]
+    fn at(&self, n: usize) -> PlaneAt {
+        PlaneAt { toward: self.toward, distance_m: self.first_m + n as f32 * self.step_m }
+    }
+}
+
 /// Anything with a distance: a point (relative to the sub-aperture's middle) or a plane.
 trait RangeTarget: Copy {
     fn distance_m(self, from: [f32; 3]) -> f32;
@@ -94,6 +115,102 @@ impl Subaperture {
     }
 }
 
+impl Subaperture {
+    /// Coherence of parallel planes, equal to that of each alone but for rounding.
+    pub fn coherence_of_parallel_planes(&self, planes: &ParallelPlanes) -> Vec<Coherence> {
+        on_widest(MeasureParallel { block: self, planes })
+    }
+}
+
+/// Coherence of every plane. From one plane to the next, the distance from each sweep grows by the same, and so does its phase.
+#[derive(Clone)]
+struct MeasureParallel<'a> {
+    block: &'a Subaperture,
+    planes: &'a ParallelPlanes,
+}
+
+/// Sixteen sweeps at the plane that is measured next.
+struct TurningGroup<S: Lanes> {
+    /// Distance from the middle sweep, metres.
+    middle_m: f32,
+    /// Distance from each sweep at the time of its sample there, metres, and what it grows by.
+    distance_m: S::F,
+    step_m: S::F,
+    /// e^(jκ · distance), and the factor from one plane to the next.
+    phasor: [S::F; 2],
+    turn: [S::F; 2],
+}
+
+impl Kernel for MeasureParallel<'_> {
+    type Out = Vec<Coherence>;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) -> Vec<Coherence> {
+        let Self { block, planes } = self;
+        let mut groups: Vec<TurningGroup<S>> = Vec::with_capacity(block.path.groups.len());
+        for group in &block.path.groups {
+            groups.push(TurningGroup::at_first(s, block, group, planes));
+        }
+        let mut found = Vec::with_capacity(planes.count);
+        for n in 0..planes.count {
+            let plane = planes.at(n);
+            if block.path.is_smooth && block.covers(plane.distance_m, plane.distance_m) {
+                found.push(coherence_of_groups(s, block, &groups));
+            } else {
+                found.push(bounds_checked_coherence(block, plane));
+            }
+            for group in &mut groups {
+                group.go_on(s, planes.step_m);
+            }
+        }
+        found
+    }
+}
+
+impl<S: Lanes> TurningGroup<S> {
+    #[inline(always)]
+    fn at_first(s: S, block: &Subaperture, group: &Group, planes: &ParallelPlanes) -> Self {
+        let first = planes.at(0);
+        let [x, y, z] = &group.position_m;
+        let middle_m = first.distance_m([x[LANES / 2], y[LANES / 2], z[LANES / 2]]);
+        let toward = splat3(s, planes.toward);
+        let nearer_m_per_s = dot(s, toward, load3(s, &group.velocity_m_per_s));
+        let resting_m = first.distances(s, load3(s, &group.position_m));
+        let distance_m = s.neg_mul_add(nearer_m_per_s, s.splat(block.point_time.at_s(middle_m)), resting_m);
+        let later_s = s.splat(block.point_time.s_per_m * planes.step_m);
+        let step_m = s.neg_mul_add(nearer_m_per_s, later_s, s.splat(planes.step_m));
+        let half_turns_per_m = s.splat((4.0 / WAVELENGTH_M) as f32);
+        let (cos, sin) = s.cos_sin_of_half_turns(s.mul(distance_m, half_turns_per_m));
+        let (turn_cos, turn_sin) = s.cos_sin_of_half_turns(s.mul(step_m, half_turns_per_m));
+        // Its magnitude to a power counts, so the error of the sines' polynomials is taken out of it.
+        let square = s.mul_add(turn_cos, turn_cos, s.mul(turn_sin, turn_sin));
+        let scale = s.neg_mul_add(square, s.splat(0.5), s.splat(1.5));
+        let turn = [s.mul(turn_cos, scale), s.mul(turn_sin, scale)];
+        Self { middle_m, distance_m, step_m, phasor: [cos, sin], turn }
+    }
+
+    /// Goes to the next plane.
+    #[inline(always)]
+    fn go_on(&mut self, s: S, step_m: f32) {
+        let ([cos, sin], [turn_cos, turn_sin]) = (self.phasor, self.turn);
+        self.middle_m += step_m;
+        self.distance_m = s.add(self.distance_m, self.step_m);
+        self.phasor =
+            [s.neg_mul_add(sin, turn_sin, s.mul(cos, turn_cos)), s.mul_add(cos, turn_sin, s.mul(sin, turn_cos))];
+    }
+}
+
+/// For a plane within the range axis of every sweep, with every sweep close to its group's middle one.
+#[inline(always)]
+fn coherence_of_groups<S: Lanes>(s: S, block: &Subaperture, groups: &[TurningGroup<S>]) -> Coherence {
+    let mut sums = [s.splat(0.0); 3];
+    for (g, group) in groups.iter().enumerate() {
+        add_group(s, block, (g, group.middle_m), group.distance_m, group.phasor, &mut sums);
+    }
+    let [re, im, energy] = [s.store(sums[0]), s.store(sums[1]), s.store(sums[2])];
+    Coherence::of(sum(re), sum(im), sum(energy), block.path.sweep_count as f32)
+}
+
 /// Coherence at every place.
 #[derive(Clone)]
 struct MeasureAll<'a, T> {
@@ -121,10 +238,8 @@ impl<T: RangeTarget> Kernel for MeasureAll<'_, T> {
 /// one.
 #[inline(always)]
 fn coherence<S: Lanes>(s: S, block: &Subaperture, place: impl RangeTarget) -> Coherence {
-    let zero = s.splat(0.0);
-    let (mut sum_re, mut sum_im, mut sum_energy) = (zero, zero, zero);
+    let mut sums = [s.splat(0.0); 3];
     let half_turns_per_m = s.splat((4.0 / WAVELENGTH_M) as f32);
-    let one = s.splat(1.0);
     for (g, group) in block.path.groups.iter().enumerate() {
         let [x, y, z] = &group.position_m;
         let middle_m = place.distance_m([x[LANES / 2], y[LANES / 2], z[LANES / 2]]);
@@ -133,19 +248,36 @@ fn coherence<S: Lanes>(s: S, block: &Subaperture, place: impl RangeTarget) -> Co
         let [vx, vy, vz] = load3(s, &group.velocity_m_per_s);
         let distance = place.distances(s, [s.mul_add(vx, time, x), s.mul_add(vy, time, y), s.mul_add(vz, time, z)]);
         let (cos, sin) = s.cos_sin_of_half_turns(s.mul(distance, half_turns_per_m));
-        let (at, entry_m) = block.entry_at(middle_m);
-        let rows = [block.row(at - 1, g), block.row(at, g), block.row(at + 1, g)];
-        let u = s.mul(s.sub(distance, s.splat(entry_m)), s.splat(block.axis.entries_per_m));
-        let half_u = s.mul(u, s.splat(0.5));
-        let weights = [s.sub(s.mul(half_u, u), half_u), s.neg_mul_add(u, u, one), s.mul_add(half_u, u, half_u)];
-        let [re, im] = [interpolate(s, &rows, 0, weights), interpolate(s, &rows, 1, weights)];
-        // z · e^(−jκd)
-        sum_re = s.mul_add(re, cos, s.mul_add(im, sin, sum_re));
-        sum_im = s.mul_add(im, cos, s.neg_mul_add(re, sin, sum_im));
-        sum_energy = s.mul_add(re, re, s.mul_add(im, im, sum_energy));
+        add_group(s, block, (g, middle_m), distance, [cos, sin], &mut sums);
     }
-    let [re, im, energy] = [s.store(sum_re), s.store(sum_im), s.store(sum_energy)];
+    let [re, im, energy] = [s.store(sums[0]), s.store(sums[1]), s.store(sums[2])];
     Coherence::of(sum(re), sum(im), sum(energy), block.path.sweep_count as f32)
+}
+
+/// Adds z e^(−jκd) of sixteen sweeps and its energy; `phasor` is e^(jκd). The table is read about the distance from the middle
+/// sweep, metres.
+#[inline(always)]
+fn add_group<S: Lanes>(
+    s: S,
+    block: &Subaperture,
+    (g, middle_m): (usize, f32),
+    distance: S::F,
+    phasor: [S::F; 2],
+    sums: &mut [S::F; 3],
+) {
+    let ([cos, sin], [sum_re, sum_im, energy]) = (phasor, *sums);
+    let (at, entry_m) = block.entry_at(middle_m);
+    let rows = [block.row(at - 1, g), block.row(at, g), block.row(at + 1, g)];
+    let u = s.mul(s.sub(distance, s.splat(entry_m)), s.splat(block.axis.entries_per_m));
+    let half_u = s.mul(u, s.splat(0.5));
+    let one = s.splat(1.0);
+    let weights = [s.sub(s.mul(half_u, u), half_u), s.neg_mul_add(u, u, one), s.mul_add(half_u, u, half_u)];
+    let [re, im] = [interpolate(s, &rows, 0, weights), interpolate(s, &rows, 1, weights)];
+    *sums = [
+        s.mul_add(re, cos, s.mul_add(im, sin, sum_re)),
+        s.mul_add(im, cos, s.neg_mul_add(re, sin, sum_im)),
+        s.mul_add(re, re, s.mul_add(im, im, energy)),
+    ];
 }
 
 #[inline(always)]
@@ -269,6 +401,7 @@ fn sin_quarter(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Plane;
     use crate::simd::on_each;
     use crate::subaperture::{MEAN_LOG_OF_NOISE, SubapertureBuilder, SubapertureSettings};
     use crate::test_data::{Echo, sweeps, winding};
@@ -316,6 +449,25 @@ mod tests {
     }
 
     #[test]
+    fn parallel_planes_are_as_each_alone() {
+        let wall = Plane { outward: DVec3::new(0.6, 0.0, -0.8), offset_m: 1.3 };
+        for (speed, amplitude) in [(0.3, 0.0), (1.0, 5.0), (2.5, 300.0)] {
+            let moving = |t: f64| winding(speed * t);
+            let block = block(&sweeps(0.089, moving, &[(Echo::Plane(wall), amplitude)], 7));
+            // From before the range axis to beyond it, with one at the wall.
+            let at_wall_m = wall.distance(block.middle.translation) as f32;
+            let toward = wall.outward.as_vec3().to_array();
+            let planes = ParallelPlanes { toward, first_m: at_wall_m - 20.0 * 0.065, step_m: 0.065, count: 60 };
+            let each: Vec<_> = (0..planes.count).map(|n| planes.at(n)).collect();
+            let all = block.coherence_of_parallel_planes(&planes);
+            for (together, alone) in all.iter().zip(block.coherence_of_planes(&each)) {
+                assert!((together.m - alone.m).abs() < 2e-3 * alone.m + 1e-3, "{speed}: {together:?} {alone:?}");
+            }
+            assert!(f64::from(all[20].m) >= amplitude, "{amplitude}: {:?}", all[20]);
+        }
+    }
+
+    #[test]
     fn every_instruction_set_gives_the_same_bits() {
         let block = block(&sweeps(0.089, winding, &[(Echo::Point(AT), 2.0)], 8));
         let relative: Vec<_> = places().iter().map(|p| (*p - block.middle.translation).as_vec3().to_array()).collect();
@@ -324,6 +476,9 @@ mod tests {
         let toward = [0.6, 0.0, -0.8];
         let planes: Vec<_> = (0..60).map(|n| PlaneAt { toward, distance_m: 0.3 + 0.05 * n as f32 }).collect();
         let all = on_each(&MeasureAll { block: &block, places: &planes });
+        assert!(all.windows(2).all(|two| two[0] == two[1]));
+        let planes = ParallelPlanes { toward, first_m: 0.3, step_m: 0.05, count: 60 };
+        let all = on_each(&MeasureParallel { block: &block, planes: &planes });
         assert!(all.windows(2).all(|two| two[0] == two[1]));
         // The checked loop differs by rounding only.
         for (plain, place) in block.coherence_at_points(&relative).iter().zip(&relative) {

@@ -23,7 +23,7 @@ pub use field::{Field, Peak};
 pub use fine::{FineCounters, FineField, FineSettings};
 pub use fine_image::{FineImage, connected_region, fine_image};
 pub use interval::{PointSubaperture, Subaperture, SubapertureBuilder};
-pub use kernel::{Coherence, PlaneAt};
+pub use kernel::{Coherence, ParallelPlanes, PlaneAt};
 pub use mti::{MtiEcho, MtiFilter, MtiResult};
 pub use planes::{PlaneField, PlanePeak};
 pub use score_null_distribution::NoiseTail;

@@ -8,7 +8,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{MEAN_LOG_OF_NOISE, PlaneAt, Subaperture, SubapertureSettings};
+use super::{MEAN_LOG_OF_NOISE, ParallelPlanes, Subaperture, SubapertureSettings};
 use crate::geometry::Plane;
 use crate::math;
 
@@ -85,10 +85,13 @@ impl PlaneField {
             let index = |range_m: f64| (((range_m - base_m) / OFFSET_STEP_M) as i32).saturating_add(OFFSET_HALF);
             let first = index(settings.min_range_m).clamp(0, 2 * OFFSET_HALF + 1) as usize;
             let beyond = index(settings.max_range_m).clamp(0, 2 * OFFSET_HALF + 1) as usize;
-            let distance_m = |n: usize| (base_m + offset_m(n as i32 - OFFSET_HALF)) as f32;
-            let toward = toward.as_vec3().to_array();
-            let planes: Vec<_> = (first..beyond).map(|n| PlaneAt { toward, distance_m: distance_m(n) }).collect();
-            for (cell, coherence) in cells[first..].iter_mut().zip(block.coherence_of_planes(&planes)) {
+            let planes = ParallelPlanes {
+                toward: toward.as_vec3().to_array(),
+                first_m: (base_m + offset_m(first as i32 - OFFSET_HALF)) as f32,
+                step_m: OFFSET_STEP_M as f32,
+                count: beyond.saturating_sub(first),
+            };
+            for (cell, coherence) in cells[first..].iter_mut().zip(block.coherence_of_parallel_planes(&planes)) {
                 cell.add(coherence.m, now_s, decay_s);
             }
         });

@@ -32,8 +32,10 @@ const MIN_IN_PHASE_SHARE: f64 = 0.7;
 /// The echo is searched this many steps nearer and farther than the known plane; step in metres.
 /// Choice: 8 cm either way, a known wall's error; a step is a seventh of the pulse, so that a
 /// parabola interpolates.
-const STEPS: i32 = 4;
+const STEPS: usize = 4;
 const STEP_M: f64 = 0.02;
+/// Number of offsets tried.
+const OFFSETS: usize = 2 * STEPS + 1;
 /// The pulse at x widths from its middle is e^(cx²) ([`crate::envelope`]).
 const EXPONENT: f64 = -4.0 * std::f64::consts::LN_2;
 /// Extent of the modelled pulse, in pulse widths. Choice: down to −60 dB, as a wall may be 60 dB
@@ -132,16 +134,15 @@ impl<'m> PlaneEcho<'m> {
 /// Offset of the echo's range from the known plane's, metres, positive farther; `None` when the
 /// maximum lies at the edge of the search.
 fn estimate_range_offset_m(sweeps: &[Observation], turned: &TurnedSweeps) -> Option<f64> {
-    let groups = groups(sweeps, GROUP_LENGTHS_S[GROUP_LENGTHS_S.len() - 1]);
-    let of_groups = |range_offset_m: f64| -> f64 {
-        groups.iter().map(|group| coherent_energy(&turned.sums(group, range_offset_m))).sum()
-    };
-    let curve: Vec<f64> = (-STEPS..=STEPS).map(|step| of_groups(f64::from(step) * STEP_M)).collect();
+    let mut curve = [0.0; OFFSETS];
+    for group in groups(sweeps, GROUP_LENGTHS_S[GROUP_LENGTHS_S.len() - 1]) {
+        curve.iter_mut().zip(turned.energies(&group)).for_each(|(sum, energy)| *sum += energy);
+    }
     let best = (0..curve.len()).max_by(|&a, &b| curve[a].total_cmp(&curve[b]))?;
     let (before, after) = (*curve.get(best.checked_sub(1)?)?, *curve.get(best + 1)?);
     let bend = before + after - 2.0 * curve[best];
     let between = if bend < 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
-    Some((best as f64 - f64::from(STEPS) + between.clamp(-0.5, 0.5)) * STEP_M)
+    Some((best as f64 - STEPS as f64 + between.clamp(-0.5, 0.5)) * STEP_M)
 }
 
 /// The sweeps of each group of about `group_s`.
@@ -168,7 +169,7 @@ impl TurnedSweeps {
         let mut turned = Self { sweeps: Vec::with_capacity(sweeps.len()), samples: Vec::new() };
         for sweep in sweeps {
             let template = Template::of(sweep, plane);
-            let points = template.points(0.0, f64::from(STEPS + 1) * STEP_M);
+            let points = template.points(0.0, (STEPS + 1) as f64 * STEP_M);
             let (first, start) = (points.start, turned.samples.len());
             let wide = |sample: &Complex32| Complex64::new(sample.re.into(), sample.im.into());
             let phases = template.phases(first).map(|phase| phase.conj());
@@ -177,6 +178,28 @@ impl TurnedSweeps {
             turned.sweeps.push((template, first, start..turned.samples.len()));
         }
         turned
+    }
+
+    /// Energy that adds up in phase at each offset of the search. At the n-th of them the pulse is e^(c(x − nδ)²), which is
+    /// e^(cx²) times the n-th power of e^(−2cxδ), and a factor that all points share and the energy does not depend on.
+    fn energies(&self, group: &Range<usize>) -> [f64; OFFSETS] {
+        let (mut in_phase, mut norms) = ([Complex64::ZERO; OFFSETS], [0.0; OFFSETS]);
+        for (template, first, range) in &self.sweeps[group.clone()] {
+            let [x, step] = template.widths_from_pulse(*first, -(STEPS as f64) * STEP_M);
+            let offset = STEP_M / template.pulse_fwhm_m;
+            let mut factor = math::exp(-2.0 * EXPONENT * x * offset);
+            let factor_step = math::exp(-2.0 * EXPONENT * step * offset);
+            let pulses = template.pulses(*first, -(STEPS as f64) * STEP_M);
+            for (sample, mut pulse) in self.samples[range.clone()].iter().zip(pulses) {
+                for (in_phase, norm) in in_phase.iter_mut().zip(&mut norms) {
+                    *in_phase += sample * pulse;
+                    *norm += pulse * pulse;
+                    pulse *= factor;
+                }
+                factor *= factor_step;
+            }
+        }
+        std::array::from_fn(|n| in_phase[n].norm_sqr() / norms[n].max(1e-12))
     }
 
     fn sums(&self, group: &Range<usize>, range_offset_m: f64) -> Sums {
@@ -241,10 +264,15 @@ impl Template {
         first..end.max(first)
     }
 
+    /// Range of a point beyond the pulse's middle, and what each further point adds, in pulse widths.
+    fn widths_from_pulse(&self, point: usize, range_offset_m: f64) -> [f64; 2] {
+        let excess_m = self.excess_m + point as f64 * self.excess_step_m - range_offset_m;
+        [excess_m / self.pulse_fwhm_m, self.excess_step_m / self.pulse_fwhm_m]
+    }
+
     /// The pulse from a point on: e^(c(x + s)²) is e^(cx²) times a ratio, which itself changes by the factor e^(2cs²).
     fn pulses(&self, first: usize, range_offset_m: f64) -> impl Iterator<Item = f64> + use<> {
-        let x = (self.excess_m + first as f64 * self.excess_step_m - range_offset_m) / self.pulse_fwhm_m;
-        let step = self.excess_step_m / self.pulse_fwhm_m;
+        let [x, step] = self.widths_from_pulse(first, range_offset_m);
         let ratio = math::exp(EXPONENT * step * (2.0 * x + step));
         let ratio_step = self.ratio_step;
         let next = move |&(pulse, ratio): &(f64, f64)| Some((pulse * ratio, ratio * ratio_step));
@@ -308,6 +336,19 @@ mod tests {
                     assert!((pulse - crate::envelope(sweep.geometry.pulse_fwhm_m, excess_m)).abs() < 1e-12);
                     assert!((phase - math::from_polar(1.0, PHASE_RAD_PER_M * distance_m)).norm() < 1e-10);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn energies_of_the_search_are_those_of_each_offset() {
+        let sweeps = sweeps(0.05, winding, &[(Echo::Plane(WALL), 5.0)], 7);
+        let turned = TurnedSweeps::of(&sweeps, &Plane { offset_m: WALL.offset_m - 0.03, ..WALL });
+        for group in [0..sweeps.len(), 3..9] {
+            for (n, energy) in turned.energies(&group).into_iter().enumerate() {
+                let alone = coherent_energy(&turned.sums(&group, (n as f64 - STEPS as f64) * STEP_M));
+                // Apart from the pulse's ends, which are cut off in one of them.
+                assert!((energy - alone).abs() < 5e-3 * alone, "{n}: {energy} {alone}");
             }
         }
     }
