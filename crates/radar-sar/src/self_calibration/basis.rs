@@ -52,12 +52,13 @@ impl SlowErrorBasis {
 
     /// Values at a time and a position relative to the middle of the path.
     pub fn at(&self, time_ns: i64, position_m: DVec3) -> impl Iterator<Item = f64> {
-        let time_s = time_ns.saturating_sub(self.first_ns) as f64 * 1e-9;
-        let function = move |n: usize| {
-            let off = (time_s - n as f64 * self.spacing_s) / self.width_s;
-            math::exp(-2.0 * off * off)
-        };
-        (0..self.functions).map(function).chain(position_m.to_array())
+        let off = time_ns.saturating_sub(self.first_ns) as f64 * 1e-9 / self.width_s;
+        let step = self.spacing_s / self.width_s;
+        // From function to function e^(−2x²) changes by a ratio, which itself changes by a constant factor.
+        let (ratio, ratio_step) = (math::exp(2.0 * step * (2.0 * off - step)), math::exp(-4.0 * step * step));
+        let next = move |&(value, ratio): &(f64, f64)| Some((value * ratio, ratio * ratio_step));
+        let functions = std::iter::successors(Some((math::exp(-2.0 * off * off), ratio)), next);
+        functions.map(|(value, _)| value).take(self.functions).chain(position_m.to_array())
     }
 
     /// Prior variance of the n-th unknown when the drift has this variance relative to the settings'.
@@ -69,6 +70,18 @@ impl SlowErrorBasis {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn values_are_those_of_the_gaussians() {
+        let basis = SlowErrorBasis::over(0, 5_000_000_000, &PositionErrors::default());
+        assert!(basis.functions() > 8);
+        for time_ns in [0, 1_234_567_890, 5_000_000_000] {
+            for (n, value) in basis.at(time_ns, DVec3::ZERO).take(basis.functions()).enumerate() {
+                let off = ((time_ns - basis.first_ns) as f64 * 1e-9 - n as f64 * basis.spacing_s) / basis.width_s;
+                assert!((value - math::exp(-2.0 * off * off)).abs() < 1e-13, "{time_ns} {n}: {value}");
+            }
+        }
+    }
 
     #[test]
     fn a_random_sum_has_the_variance_of_the_drift() {

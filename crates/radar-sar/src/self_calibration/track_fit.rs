@@ -200,6 +200,13 @@ fn apart(mut fits: Vec<Fitted>) -> Vec<Fitted> {
     apart
 }
 
+/// Whether the same phases are unwrapped to the same ranges.
+fn are_same(some: &[Segment], others: &[Segment]) -> bool {
+    let is_near = |(a, b): (&f64, &f64)| (a - b).abs() < WAVELENGTH_M / 8.0;
+    let is_same = |(a, b): (&Segment, &Segment)| a.rows == b.rows && a.ranges_m.iter().zip(&b.ranges_m).all(is_near);
+    some.len() == others.len() && some.iter().zip(others).all(is_same)
+}
+
 impl<'a> Problem<'a> {
     pub fn new(track: &'a TrackFit, path: &SensorPath, at: &Corrections, drift_scale: f64) -> Option<Self> {
         let offset_ns = (at[OFFSET] * 1e9).round() as i64;
@@ -271,14 +278,16 @@ impl<'a> Problem<'a> {
         let all = vec![1.0; self.rows().len()];
         let (found, _) = Descent::of_all(self, &all, &[])?.from(start, COARSE_GAIN)?;
         let robust = self.robust_weights(&found);
-        let (mut explanation, _) = Descent::of_all(self, &robust, &[])?.from(found.reflector, COARSE_GAIN)?;
-        let weights = self.robust_weights(&explanation);
-        let (mut cost, mut segments) = (0.0, Vec::new());
-        // Twice: a more accurate fit unwraps more phases.
-        for _ in 0..2 {
-            segments = self.unwrapped(&explanation);
-            let descent = Descent::of_all(self, &weights, &segments)?;
-            (explanation, cost) = descent.from(explanation.reflector, FINE_GAIN)?;
+        let (rough, _) = Descent::of_all(self, &robust, &[])?.from(found.reflector, COARSE_GAIN)?;
+        let weights = self.robust_weights(&rough);
+        let mut segments = self.unwrapped(&rough);
+        let (mut explanation, mut cost) =
+            Descent::of_all(self, &weights, &segments)?.from(rough.reflector, FINE_GAIN)?;
+        // A more accurate fit may unwrap more phases.
+        let unwrapped = self.unwrapped(&explanation);
+        if !are_same(&unwrapped, &segments) {
+            segments = unwrapped;
+            (explanation, cost) = Descent::of_all(self, &weights, &segments)?.from(explanation.reflector, FINE_GAIN)?;
         }
         let left = self.rows().len() - segments.iter().map(|segment| segment.rows.len()).sum::<usize>();
         Some(Fitted { explanation, weights, segments, cost: cost + left as f64 * NOT_UNWRAPPED_COST })
