@@ -2,7 +2,7 @@
 //! and most sub-apertures are the same as the last time. A point that is not in the cache is
 //! queried for each sub-aperture, many points of a sub-aperture at once.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, VecDeque, vec_deque};
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -174,8 +174,8 @@ impl ResponseCache {
     }
 
     /// Responses to a point, one for each sub-aperture; none before [`Self::query`].
-    pub(super) fn cached(&self, point: DVec3) -> impl Iterator<Item = &CachedResponse> {
-        self.rows.get(&key(point)).into_iter().flat_map(|row| &row.cached)
+    pub(super) fn cached(&self, point: DVec3) -> vec_deque::Iter<'_, CachedResponse> {
+        self.rows.get(&key(point)).map(|row| row.cached.iter()).unwrap_or_default()
     }
 
     /// Queries all sub-apertures for all points. The function evaluates some points in one

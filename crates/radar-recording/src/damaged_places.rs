@@ -16,6 +16,8 @@ const HEAD_BYTES: usize = BYTES_BEFORE_ZSTD + ZSTD.len() + 8;
 const RECORD_HEAD_BYTES: usize = 9;
 /// Bytes that are searched at a time. Choice: what a disk reads at once.
 const WINDOW_BYTES: usize = 1 << 16;
+/// At most so much memory is reserved for what a file claims, bytes. Choice: a chunk as it is written is little longer when unpacked.
+const RESERVED_BYTES: u64 = 1 << 20;
 /// Longest header or truth, and what all places that may hold one may have together, bytes. Choice: many times what they have.
 pub(super) const MAX_HEADER_BYTES: u64 = 4 << 20;
 const MAX_HEADERS_BYTES: u64 = 4 * MAX_HEADER_BYTES;
@@ -124,16 +126,13 @@ pub(super) fn find_metadata<T>(
     }
 }
 
-/// At most so much memory is reserved for what a file claims, bytes. Choice: a chunk as it is written, about 1 MiB, fits unpacked.
-const RESERVED_BYTES: u64 = 1 << 20;
-
-/// Up to this many bytes from an offset on. Memory grows with what is there, not with what is requested.
+/// Up to this many bytes from an offset on.
 pub(super) fn read_at(input: &mut (impl Read + Seek), at: u64, bytes: u64) -> io::Result<Vec<u8>> {
     input.seek(SeekFrom::Start(at))?;
     read_up_to(input, bytes)
 }
 
-/// Reads up to this many bytes.
+/// Reads up to this many bytes. Beyond [`RESERVED_BYTES`] memory grows with what is there, not with what is requested.
 pub(super) fn read_up_to(input: &mut impl Read, bytes: u64) -> io::Result<Vec<u8>> {
     let mut read = Vec::with_capacity(bytes.min(RESERVED_BYTES) as usize);
     input.take(bytes).read_to_end(&mut read)?;

@@ -68,7 +68,7 @@ impl<'a> PointSearch<'a> {
         }
         let place = |at: IVec3| start + at.as_dvec3() * CLIMB_UNIT_M;
         let (mut here, mut step) = (IVec3::ZERO, CLIMB_UNITS);
-        // No point visited before scores more than the best of them.
+        // `here` is the best point visited, so none of the others can be the next.
         let mut visited = BTreeSet::from([here.to_array()]);
         while step > 0 {
             let around = (0..27).map(|n| here + (IVec3::new(n % 3, n / 3 % 3, n / 9) - 1) * step);
