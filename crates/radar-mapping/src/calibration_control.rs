@@ -11,14 +11,14 @@ use super::mount_control::MountControl;
 use super::offset_guard::OffsetGuard;
 use super::{MountInUse, SensorState, TrackingSettings};
 
-/// Interval of the first estimates, nanoseconds, of later ones, and of those while what is in use is confirmed.
-/// Choice: at first each second adds much to what is known; later an estimate has 20 s of sweeps or more, of which three are as
-/// much; what is confirmed seldom changes, and estimates take processor time.
+/// Interval of the first estimates, nanoseconds. Choice: the map waits for them, and each second adds a tenth or more to what they have.
 const FIRST_ESTIMATES_NS: i64 = 1_000_000_000;
+/// Number of first estimates that have anything. Choice: after as many seconds, a further one adds less than a tenth.
+const FIRST_ESTIMATES: u32 = 10;
+/// Interval of later estimates, nanoseconds. Choice: an estimate remembers 20 s of sweeps, of which three seconds are a useful share.
 const ESTIMATE_NS: i64 = 3_000_000_000;
+/// Interval of estimates while what is in use is confirmed, nanoseconds. Choice: it seldom changes, and estimates take processor time.
 const SETTLED_ESTIMATE_NS: i64 = 10_000_000_000;
-/// Number of first estimates. Choice: half of the 20 s.
-const FIRST_ESTIMATES: u64 = 10;
 /// Change of the time offset that makes the evidence so far useless, seconds. Measured: in
 /// simulated rooms at 90 % detection an offset of 3 ms adds no false objects, one of 10 ms adds
 /// eight a window.
@@ -87,6 +87,8 @@ pub(crate) struct CalibrationControl {
     mount: MountControl,
     beam: Beam,
     next_estimate_ns: Option<i64>,
+    /// First estimates still to come.
+    first_estimates_left: u32,
     /// Sweeps from this time on are used for the next estimate.
     listen_from_ns: i64,
     counters: TimeOffsetCounters,
@@ -108,6 +110,7 @@ impl CalibrationControl {
             mount: MountControl::new(head_from_sensor, tracking.estimate_mount),
             beam: beam.clone(),
             next_estimate_ns: None,
+            first_estimates_left: FIRST_ESTIMATES,
             listen_from_ns: i64::MIN,
             counters: TimeOffsetCounters::default(),
         }
@@ -177,11 +180,14 @@ impl CalibrationControl {
     /// Schedules the next estimate from the time of the newest pose.
     pub fn schedule(&mut self, now_ns: i64) {
         let settled = self.is_settled();
-        let next_ns = now_ns.saturating_add(match settled {
-            true => SETTLED_ESTIMATE_NS,
-            false if self.counters.estimates < FIRST_ESTIMATES => FIRST_ESTIMATES_NS,
-            false => ESTIMATE_NS,
-        });
+        let interval_ns = if settled {
+            SETTLED_ESTIMATE_NS
+        } else if self.first_estimates_left > 0 {
+            FIRST_ESTIMATES_NS
+        } else {
+            ESTIMATE_NS
+        };
+        let next_ns = now_ns.saturating_add(interval_ns);
         self.listen_from_ns = if settled { next_ns.saturating_sub(SETTLED_WINDOW_NS) } else { i64::MIN };
         self.next_estimate_ns = Some(next_ns);
     }
@@ -191,6 +197,7 @@ impl CalibrationControl {
         self.found = self.estimator.as_mut()?.estimate();
         self.counters.estimates += 1;
         let found = self.found?;
+        self.first_estimates_left = self.first_estimates_left.saturating_sub(1);
         let time_offset_s = if self.estimates_offset { self.update_offset(now_ns, &found.time_offset) } else { None };
         let directions = self.estimator.as_ref()?.echo_directions(&self.beam);
         let mount_m = self.mount.update(now_ns, &found, &directions);
@@ -234,5 +241,52 @@ impl CalibrationControl {
             && estimate.sigma_s <= self.max_sigma_s
             && wrong_s >= MIN_CHANGE_S
             && (wrong_s >= SIGNIFICANT * estimate.sigma_s || sharper)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::test_data::{Echo, sweeps, winding};
+
+    const S: i64 = 1_000_000_000;
+
+    fn control() -> CalibrationControl {
+        CalibrationControl::new(&TrackingSettings::default(), &Beam::Lensless, &Pose::IDENTITY)
+    }
+
+    /// Seconds to the next estimate.
+    fn interval_s(control: &mut CalibrationControl) -> i64 {
+        control.schedule(100 * S);
+        assert!(!control.is_due(100 * S) && control.is_due(110 * S));
+        (control.next_estimate_ns.unwrap() - 100 * S) / S
+    }
+
+    #[test]
+    fn first_estimates_are_frequent_and_those_that_confirm_are_rare() {
+        let mut control = control();
+        // Nothing was heard yet: these do not count.
+        (0..20).for_each(|_| assert_eq!(control.update(0), None));
+        assert_eq!((interval_s(&mut control), control.counters().estimates), (1, 20));
+        let path = (-60..500).map(|step| {
+            let at_m = winding(step as f64 * 5e-3);
+            let velocity_m_per_s = (winding(step as f64 * 5e-3 + 1e-4) - at_m) / 1e-4;
+            let tracking_from_sensor = Pose::from_translation(at_m);
+            SensorState { time_ns: S + step * 5_000_000, tracking_from_sensor, velocity_m_per_s }
+        });
+        let point = Echo::Point(glam::DVec3::new(0.2, 0.1, -1.2));
+        control.push(&path.collect::<Vec<_>>(), &sweeps(2.0, winding, &[(point, 8.0)], 1));
+        for left in (0..FIRST_ESTIMATES).rev() {
+            control.update(4 * S);
+            assert!(control.found.is_some());
+            assert_eq!(control.first_estimates_left, left);
+        }
+        let offset = control.found.unwrap().time_offset;
+        let confirming = TimeOffset { offset_s: control.in_use_s, sigma_s: 1e-4, observable: true, ..offset };
+        let found = Calibration { time_offset: confirming, mount_shift_m: glam::DVec3::ZERO, ..control.found.unwrap() };
+        control.found = Some(found);
+        assert_eq!(interval_s(&mut control), 10);
+        control.found = None;
+        assert_eq!(interval_s(&mut control), 3);
     }
 }

@@ -276,6 +276,7 @@ impl Mapper {
     /// The map stays.
     pub fn forget_calibration(&mut self) {
         let (offset_s, mount) = (self.calibration.in_use_s(), self.calibration.mount());
+        self.is_estimate_due = false;
         let Self { settings, .. } = self;
         self.calibration = CalibrationControl::new(&settings.tracking, &settings.radar.beam, &mount.assumed);
         self.search.set_errors(settings.tracking.errors);

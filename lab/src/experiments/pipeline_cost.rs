@@ -1,10 +1,10 @@
 //! Cost of each stage of room imaging with preset d16: CPU seconds per second of data, as a share
 //! of one core.
 //!
-//! Each stage is timed by itself, in CPU time of all threads (Linux; elsewhere wall time): joining
-//! the streams; sub-apertures (range compression and tables); the score field at 5 cm and 2.5 cm;
-//! planes; the estimates of time offset and mount once a second; the fine field of 1 cm wherever the mapper opens
-//! it, updated four times a second; and the whole mapper, with and without the estimates.
+//! Each stage is timed by itself, in CPU time of all threads (Linux; elsewhere wall time): joining the streams;
+//! sub-apertures (range compression and tables); the score field at 5 cm and 2.5 cm; planes; the estimates of time
+//! offset and mount once a second, as often as the mapper makes them at most; the fine field of 1 cm wherever the
+//! mapper opens it, updated four times a second; and the whole mapper, with and without the estimates.
 //! What the mapper takes beyond these stages are the map updates. In the mapper most fine bricks are
 //! never read and so never computed.
 

@@ -140,7 +140,7 @@ impl SelfCalibration {
         let (reader, tracks) = self.subsweeps.entry(geometry.subsweep).or_insert_with(new);
         if let Some(echoes) = reader.push(observation) {
             let done = tracks.push(&echoes, observation.mid_time_ns, &observation.tracking_from_sensor);
-            self.waiting.extend(done);
+            self.waiting.extend(done.into_iter().filter(|track| TrackFit::is_possible(&track.echoes)));
             while self.waiting.len() > MAX_WAITING {
                 self.waiting.pop_front();
             }

@@ -141,10 +141,16 @@ pub(super) struct Problem<'a> {
 }
 
 impl TrackFit {
+    /// Whether echoes of one track are enough for a fit.
+    pub fn is_possible(echoes: &[Echo]) -> bool {
+        let [Some(first), Some(last)] = [echoes.first(), echoes.last()] else { return false };
+        echoes.len() >= MIN_ECHOES && (last.time_ns - first.time_ns) as f64 >= MIN_SPAN_S * 1e9
+    }
+
     /// Of echoes of one track; `forward` is the sum of the sensor's boresights. `None` when they are too few.
     pub fn new(echoes: &[Echo], forward: DVec3, errors: &PositionErrors) -> Option<Self> {
         let (first_ns, last_ns) = (echoes.first()?.time_ns, echoes.last()?.time_ns);
-        if echoes.len() < MIN_ECHOES || ((last_ns - first_ns) as f64) < MIN_SPAN_S * 1e9 {
+        if !Self::is_possible(echoes) {
             return None;
         }
         let row = |e: &Echo| Row {
@@ -200,9 +206,9 @@ fn apart(mut fits: Vec<Fitted>) -> Vec<Fitted> {
     apart
 }
 
-/// Whether the same phases are unwrapped to the same ranges.
-fn are_same(some: &[Segment], others: &[Segment]) -> bool {
-    let is_near = |(a, b): (&f64, &f64)| (a - b).abs() < WAVELENGTH_M / 8.0;
+/// Whether the same phases are unwrapped to the same ranges: others are half a wavelength off, or several.
+fn are_unwrapped_alike(some: &[Segment], others: &[Segment]) -> bool {
+    let is_near = |(a, b): (&f64, &f64)| (a - b).abs() < WAVELENGTH_M / 4.0;
     let is_same = |(a, b): (&Segment, &Segment)| a.rows == b.rows && a.ranges_m.iter().zip(&b.ranges_m).all(is_near);
     some.len() == others.len() && some.iter().zip(others).all(is_same)
 }
@@ -285,7 +291,7 @@ impl<'a> Problem<'a> {
             Descent::of_all(self, &weights, &segments)?.from(rough.reflector, FINE_GAIN)?;
         // A more accurate fit may unwrap more phases.
         let unwrapped = self.unwrapped(&explanation);
-        if !are_same(&unwrapped, &segments) {
+        if !are_unwrapped_alike(&unwrapped, &segments) {
             segments = unwrapped;
             (explanation, cost) = Descent::of_all(self, &weights, &segments)?.from(explanation.reflector, FINE_GAIN)?;
         }
