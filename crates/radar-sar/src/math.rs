@@ -91,6 +91,19 @@ functions! {
     tanh(x) -> one, libm::tanh, libm::tanhf;
 }
 
+/// e^(cx²), e^(c(x + s)²), e^(c(x + 2s)²) and so on. Each is the one before times a ratio, which itself changes by `ratio_step`:
+/// [`gaussian_ratio_step`]`(c, s)`. Exact to rounding while e^(cx²) of the first is no less than 1e-300.
+pub fn gaussians(exponent: f64, first: f64, step: f64, ratio_step: f64) -> impl Iterator<Item = f64> {
+    let ratio: f64 = exp(exponent * step * (2.0 * first + step));
+    let next = move |&(value, ratio): &(f64, f64)| Some((value * ratio, ratio * ratio_step));
+    std::iter::successors(Some((exp(exponent * first * first), ratio)), next).map(|(value, _)| value)
+}
+
+/// See [`gaussians`].
+pub fn gaussian_ratio_step(exponent: f64, step: f64) -> f64 {
+    exp(2.0 * exponent * step * step)
+}
+
 /// Complex number of the given modulus and argument in radians.
 #[inline]
 pub fn from_polar<T: Real>(modulus: T, argument_rad: T) -> Complex<T> {

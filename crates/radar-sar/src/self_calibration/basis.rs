@@ -8,6 +8,8 @@ use crate::math;
 /// T of the drift's correlation exp(−Δt²/T²), in correlation times. Choice: a Gaussian of that
 /// width resembles the correlation of the simulated low-pass drift.
 const DRIFT_WIDTH: f64 = 0.75;
+/// A function is e^(−2x²) at x widths from its middle.
+const EXPONENT: f64 = -2.0;
 /// Greatest number of basis functions. Choice: bounds the matrix; tracks end at 5 s.
 const MAX_FUNCTIONS: usize = 20;
 /// Number of unknowns of the strain: change of the error along the line of sight by position.
@@ -23,6 +25,8 @@ pub(super) struct SlowErrorBasis {
     spacing_s: f64,
     width_s: f64,
     functions: usize,
+    /// See [`math::gaussians`].
+    ratio_step: f64,
     /// Prior variance of a function's weight for the errors in the settings, m².
     variance_m2: f64,
 }
@@ -37,7 +41,9 @@ impl SlowErrorBasis {
         // Σ exp(−4u²/T²) over the basis functions is T√π/2 divided by their spacing.
         let variance_m2 = errors.slow_variance_m2() * 2.0 * spacing_s / (width_s * std::f64::consts::PI.sqrt());
         let functions = if variance_m2 > 0.0 { functions } else { 0 };
-        Self { first_ns: first_ns.saturating_sub((width_s * 1e9) as i64), spacing_s, width_s, functions, variance_m2 }
+        let ratio_step = math::gaussian_ratio_step(EXPONENT, spacing_s / width_s);
+        let first_ns = first_ns.saturating_sub((width_s * 1e9) as i64);
+        Self { first_ns, spacing_s, width_s, functions, ratio_step, variance_m2 }
     }
 
     /// Number of unknowns: functions and strain.
@@ -53,12 +59,9 @@ impl SlowErrorBasis {
     /// Values at a time and a position relative to the middle of the path.
     pub fn at(&self, time_ns: i64, position_m: DVec3) -> impl Iterator<Item = f64> {
         let off = time_ns.saturating_sub(self.first_ns) as f64 * 1e-9 / self.width_s;
-        let step = self.spacing_s / self.width_s;
-        // From function to function e^(−2x²) changes by a ratio, which itself changes by a constant factor.
-        let (ratio, ratio_step) = (math::exp(2.0 * step * (2.0 * off - step)), math::exp(-4.0 * step * step));
-        let next = move |&(value, ratio): &(f64, f64)| Some((value * ratio, ratio * ratio_step));
-        let functions = std::iter::successors(Some((math::exp(-2.0 * off * off), ratio)), next);
-        functions.map(|(value, _)| value).take(self.functions).chain(position_m.to_array())
+        // At most nine widths, since these are a seventh of the track or more.
+        let functions = math::gaussians(EXPONENT, off, -self.spacing_s / self.width_s, self.ratio_step);
+        functions.take(self.functions).chain(position_m.to_array())
     }
 
     /// Prior variance of the n-th unknown when the drift has this variance relative to the settings'.

@@ -15,9 +15,10 @@
 //! kernel does with the oracle.
 
 use super::Subaperture;
+use super::kernel::HALF_TURNS_PER_M;
 use super::leaf::{Leaf, dot, minus};
+use crate::PHASE_RAD_PER_M;
 use crate::simd::{self, Kernel, LANES, Lanes, ROUNDER, load3, on_widest, splat3, sub3};
-use crate::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
 /// Entries of a box's tables.
 const ENTRIES: usize = LANES;
@@ -280,8 +281,6 @@ fn length<S: Lanes>(s: S, v: [S::F; 3]) -> S::F {
 /// Position of a lane in a layer of 4 × 4.
 const COLUMN: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
 const ROW: [f32; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
-
-const HALF_TURNS_PER_M: f32 = (4.0 / WAVELENGTH_M) as f32;
 
 /// Tables of one leaf over one box: value, slope and half the second difference at each entry; for
 /// the moments, value and slope.
