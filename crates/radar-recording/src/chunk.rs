@@ -20,8 +20,8 @@ pub(super) fn unpack(record: &[u8], left: &mut u64, mut take: impl FnMut(u8, &[u
     if records.len() as u64 != chunk.unpacked_bytes {
         return Err(format!("it claims {} bytes when unpacked and holds {}", chunk.unpacked_bytes, records.len()));
     }
-    // 0: none was stated.
-    if chunk.checksum != 0 && chunk.checksum != crc32fast::hash(&records) {
+    // MCAP allows 0 where none is stated. Every recording states them, so that 0 is damage like any other.
+    if chunk.checksum != crc32fast::hash(&records) {
         return Err("its checksum differs".into());
     }
     let mut rest = Fields(&records);
@@ -80,7 +80,8 @@ mod tests {
     fn chunk(content: &[u8], packed_bytes: u64) -> Vec<u8> {
         let mut record = vec![0; 16];
         record.extend((content.len() as u64).to_le_bytes());
-        record.extend([0; 8]);
+        record.extend(crc32fast::hash(content).to_le_bytes());
+        record.extend([0; 4]);
         record.extend(packed_bytes.to_le_bytes());
         record.extend(content);
         record
@@ -128,9 +129,9 @@ mod tests {
         };
         let (claimed, checksum) = (content.len() as u64, crc32fast::hash(&content));
         assert_eq!(unpacked(&chunk(claimed, checksum)), (vec![5], Ok(())));
-        assert_eq!(unpacked(&chunk(claimed, 0)), (vec![5], Ok(())));
         for (claimed, checksum, reason) in [
             (claimed, checksum ^ 1, "checksum differs"),
+            (claimed, 0, "checksum differs"),
             (claimed - 1, checksum, "cannot be unpacked"),
             (0, checksum, "cannot be unpacked"),
             (claimed + 1, 0, "holds 1048585"),

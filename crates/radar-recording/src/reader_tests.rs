@@ -421,6 +421,9 @@ fn no_record_hides_the_chunks_behind_it() {
     }
 }
 
+/// Of a chunk record's content, its checksum: behind two times and the unpacked size (MCAP specification, "Chunk").
+const CHECKSUM_IN_CHUNK: Range<usize> = 24..28;
+
 #[test]
 fn topics_are_known_with_a_damaged_declaration() {
     let written = events(2);
@@ -430,6 +433,18 @@ fn topics_are_known_with_a_damaged_declaration() {
     let (events, recording) = read(&bytes).unwrap();
     assert_same(&events, &written);
     assert_eq!((recording.damage().chunks_damaged, recording.damage().messages_skipped), (1, 0));
+    // Zeros for its checksum, with any other bit wrong: MCAP would take it unchecked.
+    let sound = recorded(&written);
+    for at in topics + CHECKSUM_IN_CHUNK.end..chunks(&sound)[0].0.end {
+        for bit in [0, 3, 7] {
+            let mut bytes = sound.clone();
+            bytes[topics + CHECKSUM_IN_CHUNK.start..topics + CHECKSUM_IN_CHUNK.end].fill(0);
+            bytes[at] ^= 1 << bit;
+            let (events, recording) = read(&bytes).unwrap();
+            assert_same(&events, &written);
+            assert!(!recording.damage().is_none(), "bit {bit} at {at}");
+        }
+    }
 }
 
 #[test]
