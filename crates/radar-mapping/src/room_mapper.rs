@@ -406,7 +406,7 @@ impl RoomMapper {
         let now_ns = subaperture.mid_time_ns;
         self.window.push(subaperture);
         let since_ns = now_ns - self.config.window_ns();
-        self.window.drop_before(since_ns, |old| self.imaging.leave(old));
+        self.window.drop_before(since_ns, || self.imaging.leave());
         self.intake.drop_before(since_ns);
         self.updates.is_due(now_ns)
     }

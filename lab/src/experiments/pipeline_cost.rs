@@ -245,7 +245,7 @@ fn replayed_field(
         while next <= *last {
             fine.push_subaperture(&subapertures[next]);
             let in_window = window(subapertures, next, settings);
-            subapertures[first..in_window.start].iter().for_each(|subaperture| fine.pop_subaperture(subaperture));
+            (first..in_window.start).for_each(|_| fine.pop_subaperture());
             (next, first) = (next + 1, in_window.start);
         }
         fine.request(bricks, 1e-6);

@@ -49,8 +49,8 @@ impl Imaging {
     }
 
     /// A sub-aperture has left the window.
-    pub fn leave(&mut self, subaperture: &Subaperture) {
-        self.fine.pop_subaperture(subaperture);
+    pub fn leave(&mut self) {
+        self.fine.pop_subaperture();
     }
 
     /// Local maxima of planes and points since a time, by falling score.

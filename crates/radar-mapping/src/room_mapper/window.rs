@@ -61,9 +61,9 @@ impl Window {
     }
 
     /// Moves the sub-apertures of before a time into the history; `leave` is called for each.
-    pub fn drop_before(&mut self, since_ns: i64, mut leave: impl FnMut(&Subaperture)) {
+    pub fn drop_before(&mut self, since_ns: i64, mut leave: impl FnMut()) {
         while let Some(old) = self.subapertures.pop_front_if(|subaperture| subaperture.mid_time_ns < since_ns) {
-            leave(&old);
+            leave();
             self.history.push(&old);
         }
     }

@@ -153,6 +153,15 @@ impl Field {
         }
     }
 
+    /// Empties a brick.
+    pub(super) fn clear(&mut self, key: &[i32; 3]) {
+        // That can change maxima next to it.
+        self.last_query = None;
+        if let Some(&at) = self.index.get(key) {
+            self.bricks[at] = Brick::new(self.bricks[at].key);
+        }
+    }
+
     /// Edge of a brick, metres.
     pub(super) fn brick_edge_m(&self) -> f64 {
         self.settings.voxel_m * EDGE as f64

@@ -1,12 +1,14 @@
 //! The sub-aperture score on fine voxels, only where it is needed.
 //!
 //! A second field, of 1 cm, holds only requested bricks: those around strong points and around
-//! known objects. A brick's value covers the current sub-apertures at the time of the request and
-//! all since then, bit for bit as in a dense fine field of those sub-apertures. A sub-aperture is
-//! added to a brick only when the brick is read, or just before the sub-aperture expires: most
-//! requested bricks are dropped before anybody reads them, and cost next to nothing. Each update
-//! opens and reads a bounded number of bricks; the others are deferred and counted. Bricks not
-//! requested for a while are dropped.
+//! known objects. A brick's value covers the current sub-apertures and, as long as no sub-aperture
+//! expires between two reads, all back to those that were current at its request, bit for bit as in
+//! a dense fine field of the same sub-apertures. A sub-aperture is added to a brick only when the
+//! brick is read: most requested bricks are dropped, or wait for long, before anybody reads them,
+//! and cost next to nothing. Where one expires unread, the brick begins anew with those that are
+//! current; what it held is older, and with the scores' decay hardly counts. Each update opens and
+//! reads a bounded number of bricks; the others are deferred and counted. Bricks not requested for a
+//! while are dropped.
 
 use std::collections::BTreeMap;
 
@@ -84,6 +86,8 @@ struct Open {
     idle: u32,
     /// Number of the first sub-aperture missing from it.
     missing: u64,
+    /// Whether no sub-aperture was added to it yet.
+    is_empty: bool,
 }
 
 /// The score on requested fine voxels.
@@ -124,14 +128,15 @@ impl FineField {
         self.pushed += 1;
     }
 
-    /// Expires the oldest current sub-aperture; bricks missing it receive it first.
-    pub fn pop_subaperture(&mut self, block: &Subaperture) {
-        let number = self.popped;
+    /// Expires the oldest current sub-aperture; bricks missing it begin anew.
+    pub fn pop_subaperture(&mut self) {
         self.popped += 1;
-        let open = &self.open;
-        let missing = |key: &[i32; 3]| usize::from(open.get(key).is_none_or(|o| o.missing > number))..1;
-        self.field.add_missing(&[block], missing);
-        self.open.values_mut().for_each(|o| o.missing = o.missing.max(self.popped));
+        for (key, open) in self.open.iter_mut().filter(|(_, open)| open.missing < self.popped) {
+            if !open.is_empty {
+                self.field.clear(key);
+            }
+            *open = Open { missing: self.popped, is_empty: true, ..*open };
+        }
     }
 
     /// Requests points, each as a cube of `edge_m`, the most important first. Opens new bricks
@@ -165,7 +170,8 @@ impl FineField {
         wanted.truncate(self.settings.max_opened);
         self.counters.opened += wanted.len() as u64;
         self.field.insert_bricks(&wanted);
-        self.open.extend(wanted.iter().map(|key| (key.to_array(), Open { idle: 0, missing: self.popped })));
+        self.open
+            .extend(wanted.iter().map(|key| (key.to_array(), Open { idle: 0, missing: self.popped, is_empty: true })));
     }
 
     /// Open voxels within a box of at least that score, in brick order. `at_hand`: all current
@@ -196,8 +202,10 @@ impl FineField {
         let all = at_hand.len();
         let missing = |key: &[i32; 3]| behind.get(key).map_or(all, |missing| (missing - self.popped) as usize)..all;
         self.field.add_missing(at_hand, missing);
-        for (key, open) in &mut self.open {
-            open.missing = if behind.contains_key(key) { self.pushed } else { open.missing };
+        for key in behind.keys() {
+            if let Some(open) = self.open.get_mut(key) {
+                *open = Open { missing: self.pushed, is_empty: false, ..*open };
+            }
         }
     }
 
@@ -243,12 +251,15 @@ mod tests {
     fn open_bricks_equal_the_dense_field_bit_for_bit() {
         let blocks = blocks();
         let settings = SubapertureSettings { voxel_m: 0.01, ..SubapertureSettings::default() };
-        let mut dense = Field::new(settings, settings.min_cos(&Beam::Lensless));
-        blocks.iter().for_each(|block| dense.add(block));
+        let dense = |since: usize| {
+            let mut dense = Field::new(settings, settings.min_cos(&Beam::Lensless));
+            blocks[since..].iter().for_each(|block| dense.add(block));
+            dense
+        };
         let run = || {
             let mut fine = fine(FineSettings::default());
-            // One point from the third sub-aperture on, the other from the sixth. The first is read
-            // in between, and the first two sub-apertures expire before the end.
+            // One point from the third sub-aperture on, the other from the sixth. The first two sub-apertures expire before the
+            // end; the first point is read before that, the other is not.
             for (n, block) in blocks.iter().enumerate() {
                 fine.push_subaperture(block);
                 match n {
@@ -257,7 +268,7 @@ mod tests {
                         fine.above_within(&around(CHAIR), -9.0, &blocks[..=n].iter().collect::<Vec<_>>()).is_some()
                     ),
                     5 => fine.request(&[CHAIR, LAMP], 0.1),
-                    6 => blocks[..2].iter().for_each(|block| fine.pop_subaperture(block)),
+                    6 => (0..2).for_each(|_| fine.pop_subaperture()),
                     _ => {}
                 }
             }
@@ -265,10 +276,13 @@ mod tests {
             [CHAIR, LAMP].map(|at| fine.above_within(&around(at), -9.0, &at_hand).unwrap())
         };
         let found = run();
-        for (at, found) in [CHAIR, LAMP].into_iter().zip(&found) {
-            let exact = &dense.above_within(&around(at), -9.0);
+        for ((at, since), found) in [(CHAIR, 0), (LAMP, 2)].into_iter().zip(&found) {
+            let exact = &dense(since).above_within(&around(at), -9.0);
             assert!(found.len() == 1000, "{}", found.len());
             assert_eq!(found, exact);
+            if since > 0 {
+                continue;
+            }
             let volume = subaperture_volume(&observations(), &Beam::Lensless, &settings, &around(at), 0.01);
             let peak = f64::from(volume.peak().unwrap().1);
             for voxel in found {
@@ -309,16 +323,24 @@ mod tests {
     }
 
     #[test]
-    fn unread_bricks_are_updated_only_when_their_subapertures_expire() {
+    fn bricks_begin_anew_where_subapertures_expire_unread() {
         let blocks = blocks();
-        let mut fine = fine(FineSettings { keep_updates: 0, ..FineSettings::default() });
-        blocks.iter().for_each(|block| fine.push_subaperture(block));
+        let at_hand: Vec<&Subaperture> = blocks.iter().collect();
+        let mut fine = fine(FineSettings::default());
+        blocks[..3].iter().for_each(|block| fine.push_subaperture(block));
         fine.request(&[CHAIR], 0.1);
-        fine.pop_subaperture(&blocks[0]);
-        let of_one = fine.counters().updates;
-        assert!(of_one > 0);
-        fine.request(&[], 0.1);
-        blocks[1..].iter().for_each(|block| fine.pop_subaperture(block));
-        assert_eq!(fine.counters().updates, of_one);
+        let first = fine.above_within(&around(CHAIR), -9.0, &at_hand[..3]).unwrap();
+        blocks[3..].iter().for_each(|block| fine.push_subaperture(block));
+        let of_three = fine.counters().updates;
+        (0..4).for_each(|_| fine.pop_subaperture());
+        assert_eq!(fine.counters().updates, of_three, "what expires is not added");
+        let second = fine.above_within(&around(CHAIR), -9.0, &at_hand[4..]).unwrap();
+        let settings = SubapertureSettings { voxel_m: 0.01, ..SubapertureSettings::default() };
+        let exact = |blocks: &[Subaperture]| {
+            let mut dense = Field::new(settings, settings.min_cos(&Beam::Lensless));
+            blocks.iter().for_each(|block| dense.add(block));
+            dense.above_within(&around(CHAIR), -9.0)
+        };
+        assert_eq!([first, second], [exact(&blocks[..3]), exact(&blocks[4..])]);
     }
 }
