@@ -1,14 +1,14 @@
 //! The sub-aperture score on fine voxels, only where it is needed.
 //!
 //! A second field, of 1 cm, holds only requested bricks: those around strong points and around
-//! known objects. A brick's value covers the current sub-apertures and, as long as no sub-aperture
-//! expires between two reads, all back to those that were current at its request, bit for bit as in
-//! a dense fine field of the same sub-apertures. A sub-aperture is added to a brick only when the
-//! brick is read: most requested bricks are dropped, or wait for long, before anybody reads them,
-//! and cost next to nothing. Where one expires unread, the brick begins anew with those that are
-//! current; what it held is older, and with the scores' decay hardly counts. Each update opens and
-//! reads a bounded number of bricks; the others are deferred and counted. Bricks not requested for a
-//! while are dropped.
+//! known objects. A brick's value covers the current sub-apertures and, as long as none expires
+//! unread, all back to those that were current at its request, bit for bit as in a dense fine field
+//! of the same sub-apertures. A sub-aperture is added to a brick only when the brick is read: most
+//! requested bricks are dropped before anybody reads them, or wait for long, and cost next to
+//! nothing. Where one expires unread, the brick begins anew with those that are current; what it
+//! held is older, and with the scores' decay hardly counts. Each update opens and reads a bounded
+//! number of bricks; the others are deferred and counted. Bricks not requested for a while are
+//! dropped.
 
 use std::collections::BTreeMap;
 

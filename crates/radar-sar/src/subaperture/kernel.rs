@@ -5,9 +5,8 @@
 //! entries of the middle one, and a parabola through that entry and its neighbours covers that
 //! distance. Where a point lies near an end of the range axis, or the sensor jumped, a checked copy
 //! of the loop tests each lane. All in f32: positions are relative to the sub-aperture's middle,
-//! distances stay below a few metres, and phase is reduced to ±½ turn before the sine, or turned from one parallel plane to the
-//! next. m agrees
-//! with the oracle to 1 % of itself plus 0.02.
+//! distances stay below a few metres, and phase is reduced to ±½ turn before the sine, or turned
+//! from one parallel plane to the next. m agrees with the oracle to 1 % of itself plus 0.02.
 //!
 //! For single points and planes. Volumes use `brick`, which handles many sweeps at a time.
 

@@ -191,7 +191,10 @@ impl TurnedSweeps {
             let mut factor = math::exp(-2.0 * EXPONENT * x * step_widths);
             let factor_step = math::exp(-2.0 * EXPONENT * step * step_widths);
             for (sample, pulse) in self.samples[range.clone()].iter().zip(template.pulses(*first, 0.0)) {
-                let mut value = pulse / factor.powi(STEPS as i32);
+                // The fourth power: the precision of `powi` depends on the system.
+                const { assert!(STEPS == 4) };
+                let square = factor * factor;
+                let mut value = pulse / (square * square);
                 for (sum, norm) in in_phase.iter_mut().zip(&mut norms) {
                     *sum += sample * value;
                     *norm += value * value;
