@@ -52,8 +52,8 @@ impl CommandFiles {
         self
     }
 
-    /// Checks that no output is an input or another output, however it is named, and that none replaces a file of others unless
-    /// the user wants it.
+    /// Checks that no output is an input or another output, however it is named, that none replaces a file of others unless
+    /// the user wants it, and that none lies within a file.
     pub fn check(self, replace: ReplaceArgument) -> Result<Outputs> {
         self.check_with(replace.force, "give --force to replace it")
     }
@@ -70,7 +70,11 @@ impl CommandFiles {
             if output.is_dir() {
                 bail!("{} is a folder: give the file to write", output.display());
             }
-            if output.symlink_metadata().is_err() || is_device(&output) {
+            if is_device(&output) {
+                continue;
+            }
+            if output.symlink_metadata().is_err() {
+                check_above(&output)?;
                 continue;
             }
             if !is_forced && !is_own(&output) {
@@ -118,6 +122,15 @@ impl Outputs {
     pub fn write(&self, output: &Path, bytes: &[u8]) -> Result<()> {
         write_whole(output, bytes, Readers::Usual, self.existing(output))
             .with_context(|| format!("cannot write {}", output.display()))
+    }
+}
+
+/// Refuses an output whose folder cannot be made, because something above it is no folder: better before hours of work than after.
+fn check_above(output: &Path) -> Result<()> {
+    let path = std::path::absolute(output).unwrap_or_else(|_| output.to_owned());
+    match path.ancestors().skip(1).find(|above| above.symlink_metadata().is_ok()) {
+        Some(above) if !above.is_dir() => bail!("{}: {} is no folder", output.display(), above.display()),
+        _ => Ok(()),
     }
 }
 

@@ -172,13 +172,13 @@ fn an_impossible_mount_of_an_import_is_refused() {
 fn unwritable_outputs_are_reported_once() {
     let folder = folder("unwritable");
     std::fs::create_dir(folder.path("folder")).unwrap();
-    for line in [
-        "simulate nothing --duration-s 0.2 --out missing/r.mcap",
-        "reconstruct r.mcap --voxel-m 0.5 --out r.mcap/v.npy",
-        "replay r.mcap --out r.mcap",
+    for (line, reason) in [
+        ("simulate nothing --duration-s 0.2 --out missing/r.mcap", "os error"),
+        ("reconstruct r.mcap --voxel-m 0.5 --out r.mcap/v.npy", "is no folder"),
+        ("replay r.mcap --out r.mcap", "is no folder"),
     ] {
-        let outcome = folder.run(line).fails_with("os error");
-        assert_eq!(outcome.err.matches("os error").count(), 1, "printed twice: {outcome:#?}");
+        let outcome = folder.run(line).fails_with(reason);
+        assert_eq!(outcome.err.matches(reason).count(), 1, "printed twice: {outcome:#?}");
     }
     for line in ["simulate nothing --out folder", "recover r.mcap --out folder", "reconstruct r.mcap --out folder"] {
         folder.run(line).fails_with("folder is a folder: give the file to write");

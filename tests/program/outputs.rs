@@ -100,6 +100,23 @@ fn files_of_others_are_replaced_only_when_asked() {
     }
 }
 
+#[test]
+fn a_folder_that_cannot_be_made_is_refused_before_any_work() {
+    let folder = folder("outputs_folder");
+    // No input is there: that would be the next complaint.
+    for command in [
+        "replay none.mcap --out s.toml/out",
+        "replay none.mcap --results s.toml/a/b.mcap",
+        "calibrate none.mcap --out s.toml/c",
+    ] {
+        folder.run(command).fails_with("s.toml is no folder");
+    }
+    // What lies beside a folder that is still to be made does not matter.
+    std::fs::create_dir(folder.path("y.npy")).unwrap();
+    folder.run("reconstruct r.mcap --voxel-m 0.5 --out new/y.npy").succeeds();
+    assert!(folder.path("new/y.npy").is_file());
+}
+
 /// A replay of half a second at a speed, which writes all the while.
 fn slow_replay(folder: &Folder, speed: &str) -> Child {
     let mut program = Command::new(crate::PROGRAM);
