@@ -29,6 +29,7 @@ fn main() {
         history: HistorySettings::default(),
         head_from_sensor: scenario.head_from_sensor,
         time_offset_s: 0.0,
+        range_bias_m: None,
     };
     let (all, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
     for (share_of_peak, max_opening) in TRIALS {

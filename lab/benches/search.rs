@@ -26,6 +26,7 @@ fn sweeps(count: usize, seed: u64) -> Vec<Observation> {
         history: HistorySettings::default(),
         head_from_sensor: scenario.head_from_sensor,
         time_offset_s: 0.0,
+        range_bias_m: None,
     };
     let (all, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
     let positions: Vec<_> = all.iter().map(|o| o.tracking_from_sensor.translation).collect();

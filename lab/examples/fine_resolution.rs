@@ -57,6 +57,7 @@ fn subapertures(seed: u64) -> (Vec<Subaperture>, DVec3) {
         history: settings.tracking.history,
         head_from_sensor: scenario.head_from_sensor,
         time_offset_s: 0.0,
+        range_bias_m: None,
     };
     let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
     let mut builder = SubapertureBuilder::new(settings.rooms.subapertures);

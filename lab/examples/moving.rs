@@ -89,6 +89,7 @@ fn play(session: &Session, options: &Options, figures: &mut Figures) {
             history: settings.tracking.history,
             head_from_sensor: play.head_from_sensor,
             time_offset_s: 0.0,
+            range_bias_m: None,
         },
     );
     let mut builder = SubapertureBuilder::new(settings.rooms.subapertures);

@@ -53,6 +53,7 @@ fn recording(motion: &str, seed: u64) -> (u64, Vec<Observation>, DVec3) {
         history: HistorySettings::default(),
         head_from_sensor: scenario.head_from_sensor,
         time_offset_s: 0.0,
+        range_bias_m: None,
     };
     let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
     (seed, observations, simulated.truth.obstacles[0].points_m[0])

@@ -352,11 +352,9 @@ fn volume(image: Image, file: &Path, settings: &Settings, mapper: &Mapper, truth
         let room = Aabb::around(walls).unwrap_or_else(|| cube_ahead(&Pose::IDENTITY));
         return Ok(volume_of_shapes(&room, &mapper.scene()));
     }
-    let observer = ObserverSettings {
-        history: settings.tracking.history,
-        head_from_sensor: Recording::open(file)?.header().head_from_sensor,
-        time_offset_s: mapper.time_offset_s(),
-    };
+    let recording = Recording::open(file)?;
+    let of_mapping = ObserverSettings::new(&settings.mapping(), &recording.header().head_from_sensor);
+    let observer = ObserverSettings { time_offset_s: mapper.time_offset_s(), ..of_mapping };
     let mut observations = Vec::new();
     SweepSource { path: file, observer }.each(|observation| observations.push(observation))?;
     let region = cube_ahead(&observations.first().map_or(Pose::IDENTITY, |o| o.tracking_from_sensor));

@@ -183,11 +183,8 @@ impl Reconstruct {
         let recording = Recording::open(&self.file)?;
         let header = recording.header();
         let settings = self.settings.over_recorded(&header.settings)?;
-        let observer = ObserverSettings {
-            history: settings.tracking.history,
-            head_from_sensor: settings.tracking.mount.unwrap_or(header.head_from_sensor),
-            time_offset_s: self.time_offset_s,
-        };
+        let of_mapping = ObserverSettings::new(&settings.mapping(), &header.head_from_sensor);
+        let observer = ObserverSettings { time_offset_s: self.time_offset_s, ..of_mapping };
         let source = SweepSource { path: &self.file, observer };
         let (chosen, region) = self.gather(&source, selection, self.most_sweeps(statistic))?;
         let spinner = progress::spinner("reconstructing");

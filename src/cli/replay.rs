@@ -414,8 +414,7 @@ pub(super) fn result_text(scene: &Scene, mapper: &Mapper, sparse: Option<&Sparse
     }
     if let Some(biases_m) = mapper.calibration().range_bias_m {
         let biases: Vec<String> = biases_m.iter().map(|bias_m| format!("{:+.1}", bias_m * 1e3)).collect();
-        let _ =
-            writeln!(text, "ranges {} mm too long by subsweep, as the loopback shows: corrected", biases.join(", "));
+        let _ = writeln!(text, "ranges corrected for a bias of {} mm by subsweep", biases.join(", "));
     }
     let _ = writeln!(text, "{}", time_offset(mapper));
     if let Some(correction) = mount(&mapper.mount()) {

@@ -80,7 +80,7 @@ pub struct Health {
     pub mount: MountHealth,
     /// Slow tracking error in each axis as estimated, rms, metres.
     pub drift_m: Option<f64>,
-    /// Measured minus true range as the loopback shows it, by which the ranges are corrected, metres.
+    /// Measured minus true range, by which the ranges are corrected, metres.
     pub range_bias_m: Option<f64>,
     /// Age of the newest processed sweep, seconds; `None` before the first.
     pub age_s: Option<f64>,

@@ -30,6 +30,8 @@ fn impossible_settings_are_refused() {
         ("--set rooms.clean.min_score=nan", "setting rooms.clean.min_score is NaN"),
         ("--set rooms.tracks.confirm_score=nan", "setting rooms.tracks.confirm_score is NaN"),
         ("--set rooms.subapertures.max_range_m=0.1", "setting rooms.subapertures.max_range_m is 0.1"),
+        ("--set radar.range_bias_m=0.2", "setting radar.range_bias_m is 0.2: it must lie in -0.1 to 0.1"),
+        ("--set radar.range_bias_m=nan", "setting radar.range_bias_m is NaN: it must lie in -0.1 to 0.1"),
         ("--set tracking.time_offset_s=inf", "setting tracking.time_offset_s is inf: it must lie in -10 to 10"),
         ("--set tracking.time_offset_s.x=1", "in `tracking.time_offset_s`"),
         ("--set tracking.history.smoothing_window_s=9", "smoothing_window_s is 9: it must lie in 0 to 0.5"),

@@ -19,6 +19,7 @@ fn observations(duration_s: f64, seed: u64, n: usize) -> Vec<Observation> {
         history: Settings::default().tracking.history,
         head_from_sensor: scenario.head_from_sensor,
         time_offset_s: 0.0,
+        range_bias_m: None,
     };
     let (all, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
     assert!(all.len() > 20 * n, "{} sweeps", all.len());

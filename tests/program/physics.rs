@@ -39,6 +39,19 @@ fn stationary_sensor_reports_range_only() {
 }
 
 #[test]
+fn ranges_are_corrected_by_the_bias_that_is_set() {
+    let folder = Folder::new("range_bias");
+    folder.run("simulate corner-reflector --motion stationary --snr-db 20 --duration-s 1 --out r.mcap").succeeds();
+    let range_m = |bias: &str| {
+        let found = only(obstacles_of(&folder, &format!("r.mcap --set reflectors.max_sweeps=50 {bias}")));
+        found.position_m.distance(DVec3::new(0.0, 1.5, 0.0))
+    };
+    let shorter_m = range_m("") - range_m("--set radar.range_bias_m=0.05");
+    assert!((shorter_m - 0.05).abs() < 0.01, "{shorter_m} m");
+    assert_eq!(folder.json("found/obstacles.json")["range_bias_m"], serde_json::json!([0.05]));
+}
+
+#[test]
 fn offset_of_20_ms_degrades_until_set_or_estimated() {
     let folder = Folder::new("time_offset");
     let scenario = "corner-reflector --motion sphere-50cm --snr-db 20 --time-offset-s 0.02";

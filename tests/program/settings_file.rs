@@ -36,13 +36,15 @@ fn manual_lists_every_setting() {
 
 #[test]
 fn commented_out_settings_are_valid() {
-    // Uncomments the lines of the optional tables.
+    // Uncomments the lines of the optional settings.
+    let is_setting = |rest: &str| rest.starts_with('[') || rest.contains(" = [") || rest.starts_with("range_bias_m = ");
     let uncomment = |line: &str| match line.strip_prefix("# ") {
-        Some(rest) if rest.starts_with('[') || rest.contains(" = [") => rest.to_owned(),
+        Some(rest) if is_setting(rest) => rest.to_owned(),
         _ => line.to_owned(),
     };
     let text: String = MANUAL.lines().map(|line| uncomment(line) + "\n").collect();
     let settings = Settings::from_toml(&text, &[]).unwrap();
+    assert_eq!(settings.radar.range_bias_m, Some(-0.003));
     let mount = settings.tracking.mount.expect("tracking.mount");
     assert_eq!(mount.translation.to_array(), [0.0, 0.03, -0.10]);
     let region = settings.processing.region.expect("processing.region");

@@ -16,8 +16,8 @@ pub struct CalibrationInUse {
     pub mount: MountInUse,
     /// Slow tracking error in each axis as last estimated, rms, metres.
     pub drift_m: Option<f64>,
-    /// Measured minus true range, metres, by which the ranges are corrected: of each subsweep that hears echoes. `None` while
-    /// no loopback was recorded.
+    /// Measured minus true range, metres, by which the ranges are corrected: of each subsweep that hears echoes, as set or as the
+    /// loopback shows it. `None` while neither is known.
     pub range_bias_m: Option<Vec<f64>>,
 }
 

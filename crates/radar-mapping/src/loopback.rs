@@ -1,4 +1,4 @@
-//! Range bias of the module, from a subsweep that loops the transmitter back to the receiver.
+//! Range bias of the module: as set, or from a subsweep that loops the transmitter back to the receiver.
 
 use std::ops::RangeInclusive;
 
@@ -7,6 +7,28 @@ use num_complex::Complex64;
 
 /// Chip temperatures for which [`range_bias_m`] holds, °C. Source: there.
 const TEMPERATURES_C: RangeInclusive<i16> = -25..=44;
+
+/// By how much measured ranges are greater than true ones.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum RangeBias {
+    /// Not set, and no usable loopback has come: nothing is corrected.
+    Unknown,
+    /// The same for all subsweeps, metres.
+    Set(f64),
+    /// By the peak of the loopback.
+    Loopback { peak_m: f64 },
+}
+
+impl RangeBias {
+    /// That of a subsweep, metres; `None` when it is not known.
+    pub fn of(self, subsweep: &Subsweep) -> Option<f64> {
+        match self {
+            Self::Unknown => None,
+            Self::Set(bias_m) => Some(bias_m),
+            Self::Loopback { peak_m } => Some(range_bias_m(peak_m, subsweep)),
+        }
+    }
+}
 
 /// Where the peak of the loopback lies in a frame's mean over its sweeps, metres. `None` when no loopback subsweep was
 /// recorded, its peak is not within its points (a single point beside echoes is a reference for the phase), or the chip is too
@@ -33,7 +55,7 @@ pub(crate) fn loopback_peak_m(config: &SensorConfig, layout: &FrameLayout, frame
 
 /// Measured minus true range of a subsweep, metres, for a loopback whose peak is there. Source: the vendor's offset compensation
 /// (acconeer-python-exploration, `get_distance_offset`, −25 to 45 °C).
-pub(crate) fn range_bias_m(peak_m: f64, subsweep: &Subsweep) -> f64 {
+fn range_bias_m(peak_m: f64, subsweep: &Subsweep) -> f64 {
     let (slope, at_zero_m) = match subsweep.profile {
         Profile::P1 => (0.9188, 0.01782),
         Profile::P2 => (0.5946, 0.01930),
@@ -90,6 +112,19 @@ mod tests {
             let expected: Vec<f64> = config.subsweeps[1..].iter().map(|it| range_bias_m(peak_m, it)).collect();
             assert_eq!(of_echoes, expected);
         }
+    }
+
+    #[test]
+    fn bias_that_is_set_comes_before_the_loopback() {
+        let config = with_loopback(-30, 40);
+        let play = PlaySession { duration_s: 1.0, ..PlaySession::new(config, 1) };
+        let frame = &play.prepare().unwrap().frames(0..1)[0];
+        let mut settings = MappingSettings::default();
+        settings.radar.range_bias_m = Some(4e-3);
+        let mut mapper = Mapper::new(&play.config, &Pose::IDENTITY, &settings);
+        assert!(loopback_peak_m(&play.config, &FrameLayout::of(&play.config), frame).is_some());
+        mapper.push(Event::Frame(frame.clone())).unwrap();
+        assert_eq!(mapper.calibration().range_bias_m, Some(vec![4e-3; play.config.subsweeps.len() - 1]));
     }
 
     #[test]

@@ -104,12 +104,10 @@ struct Counts {
 impl Mapper {
     /// For a valid configuration. `head_from_sensor`: the mount; one in the settings has precedence.
     pub fn new(config: &SensorConfig, head_from_sensor: &Pose, settings: &MappingSettings) -> Self {
-        let tracking = &settings.tracking;
-        let head_from_sensor = tracking.mount.unwrap_or(*head_from_sensor);
-        let observer_settings =
-            ObserverSettings { history: tracking.history, head_from_sensor, time_offset_s: tracking.time_offset_s };
+        let observer_settings = ObserverSettings::new(settings, head_from_sensor);
         let (mut observer, search) = (Observer::new(config, observer_settings), Search::new(config, settings));
-        let calibration = CalibrationControl::new(tracking, &settings.radar.beam, &head_from_sensor);
+        let assumed_mount = &observer_settings.head_from_sensor;
+        let calibration = CalibrationControl::new(&settings.tracking, &settings.radar.beam, assumed_mount);
         if calibration.is_active() {
             observer.keep_poses_s(search.pose_retention_s(settings));
         }

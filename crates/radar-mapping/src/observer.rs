@@ -15,9 +15,9 @@ use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
 
-use super::loopback::{loopback_peak_m, range_bias_m};
+use super::loopback::{RangeBias, loopback_peak_m};
 use super::timestamps::{TimestampFilter, TimestampVerdict};
-use super::{Event, Refusal, in_time_order, range_axis};
+use super::{Event, MappingSettings, Refusal, TrackingSettings, in_time_order, range_axis};
 use a121::{Frame, FrameLayout, SensorConfig, Subsweep, Sweep};
 use radar_sar::geometry::Pose;
 use radar_sar::{FollowedJump, HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
@@ -43,6 +43,17 @@ pub struct ObserverSettings {
     pub head_from_sensor: Pose,
     /// Added to a sweep's time to get the time of its pose, seconds.
     pub time_offset_s: f64,
+    /// See [`RadarSettings::range_bias_m`](crate::RadarSettings::range_bias_m).
+    pub range_bias_m: Option<f64>,
+}
+
+impl ObserverSettings {
+    /// Those of mapping, with the assumed mount: as set, or as recorded.
+    pub fn new(settings: &MappingSettings, recorded: &Pose) -> Self {
+        let TrackingSettings { history, mount, time_offset_s, .. } = settings.tracking;
+        let head_from_sensor = mount.unwrap_or(*recorded);
+        Self { history, head_from_sensor, time_offset_s, range_bias_m: settings.radar.range_bias_m }
+    }
 }
 
 /// State of the sensor at a time of the pose stream, in the map frame.
@@ -106,8 +117,7 @@ pub struct Observer {
     config: SensorConfig,
     /// Of each subsweep; `None` for those that hear no echoes.
     geometries: Vec<Option<Arc<SweepGeometry>>>,
-    /// Where the peak of the loopback is, as the first frame has it, metres.
-    loopback_m: Option<f64>,
+    range_bias: RangeBias,
     history: PoseHistory,
     waiting: VecDeque<Frame>,
     ready: Vec<Observation>,
@@ -124,11 +134,12 @@ impl Observer {
     /// For frames of a valid configuration.
     pub fn new(config: &SensorConfig, settings: ObserverSettings) -> Self {
         let layout = FrameLayout::of(config);
+        let range_bias = settings.range_bias_m.map_or(RangeBias::Unknown, RangeBias::Set);
         Self {
-            geometries: geometries(config, &layout, None),
+            geometries: geometries(config, &layout, range_bias),
             layout,
             config: config.clone(),
-            loopback_m: None,
+            range_bias,
             history: PoseHistory::new(settings.history),
             assumed_mount: settings.head_from_sensor,
             settings,
@@ -314,22 +325,22 @@ impl Observer {
         self.observed_until_ns.is_some_and(|until_ns| until_ns >= time_ns)
     }
 
-    /// Corrects the ranges by the first loopback, before any observation has them.
+    /// Corrects the ranges by the first loopback, before any observation has them, unless their bias is set.
     fn measure_loopback(&mut self, frame: &Frame) {
-        if self.loopback_m.is_none()
+        if self.range_bias == RangeBias::Unknown
             && self.counters.observations == 0
             && let Some(peak_m) = loopback_peak_m(&self.config, &self.layout, frame)
         {
-            self.loopback_m = Some(peak_m);
-            self.geometries = geometries(&self.config, &self.layout, self.loopback_m);
+            self.range_bias = RangeBias::Loopback { peak_m };
+            self.geometries = geometries(&self.config, &self.layout, self.range_bias);
         }
     }
 
     /// See [`CalibrationInUse::range_bias_m`](crate::CalibrationInUse::range_bias_m).
     pub fn range_bias_m(&self) -> Option<Vec<f64>> {
-        let peak_m = self.loopback_m?;
         let of_echoes = self.config.subsweeps.iter().filter(|subsweep| subsweep.hears_echoes());
-        Some(of_echoes.map(|subsweep| range_bias_m(peak_m, subsweep)).collect())
+        let biases_m: Vec<f64> = of_echoes.filter_map(|subsweep| self.range_bias.of(subsweep)).collect();
+        (!biases_m.is_empty()).then_some(biases_m)
     }
 
     /// Observations of all frames whose poses are complete.
@@ -390,10 +401,10 @@ impl Observer {
     }
 }
 
-/// Geometry of each subsweep that hears echoes, its ranges corrected by the loopback, whose peak is given in metres.
-fn geometries(config: &SensorConfig, layout: &FrameLayout, loopback_m: Option<f64>) -> Vec<Option<Arc<SweepGeometry>>> {
+/// Geometry of each subsweep that hears echoes, its ranges corrected.
+fn geometries(config: &SensorConfig, layout: &FrameLayout, range_bias: RangeBias) -> Vec<Option<Arc<SweepGeometry>>> {
     let of = |(index, (subsweep, &(_, point_period_s))): (usize, (&Subsweep, &(f64, f64)))| {
-        let bias_m = loopback_m.map_or(0.0, |peak_m| range_bias_m(peak_m, subsweep));
+        let bias_m = range_bias.of(subsweep).unwrap_or(0.0);
         let axis = range_axis(subsweep);
         let geometry = || SweepGeometry {
             subsweep: index,
@@ -499,8 +510,27 @@ mod tests {
     }
 
     fn observer(head_from_sensor: Pose, time_offset_s: f64) -> Observer {
-        let settings = ObserverSettings { history: HistorySettings::default(), head_from_sensor, time_offset_s };
+        let settings = ObserverSettings {
+            history: HistorySettings::default(),
+            head_from_sensor,
+            time_offset_s,
+            range_bias_m: None,
+        };
         Observer::new(&preset("fine").unwrap(), settings)
+    }
+
+    #[test]
+    fn a_bias_that_is_set_shortens_the_ranges() {
+        let first_m = |range_bias_m| {
+            let settings = ObserverSettings { range_bias_m, ..observer(Pose::IDENTITY, 0.0).settings };
+            let mut observer = Observer::new(&preset("fine").unwrap(), settings);
+            for i in 0..60 {
+                observer.push_pose(&PoseSample::valid(i * 10 * MS, &Pose::IDENTITY)).unwrap();
+            }
+            observer.push_frame(frame(300 * MS)).unwrap();
+            observer.take_ready()[0].geometry.axis.first_m
+        };
+        assert!((first_m(None) - first_m(Some(4e-3)) - 4e-3).abs() < 1e-12);
     }
 
     #[test]
@@ -621,6 +651,7 @@ mod tests {
             history: HistorySettings::default(),
             head_from_sensor: Pose::IDENTITY,
             time_offset_s: 0.0,
+            range_bias_m: None,
         };
         let frames: Vec<Frame> = (10..190).map(|i| frame(i * 20 * MS)).collect();
         let poses: Vec<PoseSample> = (0..480).map(|i| PoseSample::valid(i * 8 * MS, &Pose::IDENTITY)).collect();

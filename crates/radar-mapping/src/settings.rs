@@ -11,6 +11,9 @@ use super::{DEFAULT_CUBE_M, ReflectorSettings, RoomMapperSettings};
 /// Voxels of the search for single reflectors, at most: 3 m cubed at 15 mm, or 12 m cubed at 60 mm.
 /// Choice: a second's work.
 const MAX_VOXELS: f64 = 8e6;
+/// Range biases that can be set, metres. Choice: several times the greatest that the vendor's compensation gives for four modules,
+/// 16 mm.
+const RANGE_BIAS_M: [f64; 2] = [-0.1, 0.1];
 /// Least number of sweeps that reflectors are searched in. Choice: three ranges determine a point, and some sweeps do not see it.
 const MIN_SWEEPS: usize = 10;
 /// Least difference of farthest and nearest range, metres. Choice: more than three pulses of 14 cm; what is seen at fewer ranges
@@ -71,11 +74,26 @@ pub enum MappingSettingsError {
 pub struct RadarSettings {
     /// The beam: uniform, thesis, lensless, fresnel, hyperbolic, or rows of [angle in degrees, two-way amplitude].
     pub beam: Beam,
+    /// Measured minus true range of all subsweeps, metres; left out: by the loopback where one is recorded, else 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range_bias_m: Option<f64>,
 }
 
 impl Default for RadarSettings {
     fn default() -> Self {
-        Self { beam: Beam::Lensless }
+        Self { beam: Beam::Lensless, range_bias_m: None }
+    }
+}
+
+impl RadarSettings {
+    fn check_range_bias(&self) -> Result<(), SettingOutOfBounds> {
+        let [min, max] = RANGE_BIAS_M;
+        match self.range_bias_m {
+            Some(value) if !(min..=max).contains(&value) => {
+                Err(SettingOutOfBounds { name: "radar.range_bias_m".into(), value, min, max })
+            }
+            _ => Ok(()),
+        }
     }
 }
 
@@ -166,7 +184,8 @@ impl MappingSettings {
     /// # Errors
     /// The first one that does not, by its name in the settings file.
     pub fn check(&self) -> Result<(), MappingSettingsError> {
-        let Self { tracking, rooms, reflectors, processing, .. } = self;
+        let Self { radar, tracking, rooms, reflectors, processing } = self;
+        radar.check_range_bias()?;
         tracking.check_bounds("tracking")?;
         tracking.history.check_bounds("tracking.history")?;
         tracking.errors.check_bounds("tracking.errors")?;

@@ -130,11 +130,7 @@ fn pipelines(scenario: &Scenario, simulated: &Simulated, settings: &Settings, co
 }
 
 fn joined(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> (Vec<Observation>, Vec<SensorState>) {
-    let observer = ObserverSettings {
-        history: settings.tracking.history,
-        head_from_sensor: scenario.head_from_sensor,
-        time_offset_s: settings.tracking.time_offset_s,
-    };
+    let observer = ObserverSettings::new(&settings.mapping(), &scenario.head_from_sensor);
     let mut observer = Observer::new(&scenario.config, observer);
     let (mut observations, mut path) = (Vec::new(), Vec::new());
     for event in in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()) {

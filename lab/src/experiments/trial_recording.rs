@@ -33,6 +33,7 @@ impl TrialRecording {
             history: HistorySettings::default(),
             head_from_sensor: scenario.head_from_sensor,
             time_offset_s: 0.0,
+            range_bias_m: None,
         };
         let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, poses);
         let truth_m = simulated.truth.obstacles.iter().flat_map(|o| o.points_m.first()).next().copied();

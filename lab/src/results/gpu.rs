@@ -84,6 +84,7 @@ fn sweeps(duration_s: f64) -> Result<Vec<Observation>> {
         history: HistorySettings::default(),
         head_from_sensor: scenario.head_from_sensor,
         time_offset_s: 0.0,
+        range_bias_m: None,
     };
     Ok(observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses).0)
 }

@@ -262,15 +262,7 @@ fn join_streams(
     frames: &[Frame],
     poses: &[PoseSample],
 ) -> JoinedStreams {
-    let tracking = &settings.tracking;
-    let mut observer = Observer::new(
-        config,
-        ObserverSettings {
-            history: tracking.history,
-            head_from_sensor: tracking.mount.unwrap_or(*head_from_sensor),
-            time_offset_s: tracking.time_offset_s,
-        },
-    );
+    let mut observer = Observer::new(config, ObserverSettings::new(settings, head_from_sensor));
     let (mut path, mut observations) = (Vec::new(), Vec::new());
     for event in in_time_order(frames.iter().cloned(), poses.iter().copied()) {
         // What is refused is counted.

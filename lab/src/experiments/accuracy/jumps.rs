@@ -62,7 +62,8 @@ struct Followed {
 fn followed(session: &Session, errors: TrackingErrors) -> Followed {
     let play = session.play();
     let history = Settings::default().tracking.history;
-    let settings = ObserverSettings { history, head_from_sensor: play.head_from_sensor, time_offset_s: 0.0 };
+    let settings =
+        ObserverSettings { history, head_from_sensor: play.head_from_sensor, time_offset_s: 0.0, range_bias_m: None };
     let mut observer = Observer::new(&play.config, settings);
     // Time, tracked_from_true, map_from_tracking and the number of steps so far, after each pose.
     let mut states: Vec<(f64, Pose, Pose, u64)> = Vec::new();

@@ -71,6 +71,8 @@ struct Read {
     /// By how much the direction is wrong where it counts as observed, rad.
     boresight_off_rad: Option<f64>,
     directions: EchoDirections,
+    /// The simulated module's range bias, metres.
+    true_bias_m: f64,
     found: Calibration,
 }
 
@@ -107,6 +109,9 @@ pub fn mount_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Head
         "90 % (ms)",
         "off by 3σ (%)",
         "drift (mm)",
+        "range bias (mm)",
+        "of 1σ (mm)",
+        "off by 2σ (%)",
         "direction known (%)",
         "wrong by (°)",
         "90 % (°)",
@@ -114,7 +119,8 @@ pub fn mount_table(session: &PlaySession, worlds: &[PlayWorld], headsets: &[Head
     let caption = "axes: share of the head's axes along which the sensor's position counts as observed (1σ of 1 cm or \
         better). mount: error along these, median. NEES: squared error in units of the stated covariance, 3 on \
         average when it is honest, median. offset: error of the time offset. off by 3σ: share of the time offsets that \
-        count as observed. drift: slow tracking error as estimated, median. direction: share of the rooms in which the \
+        count as observed. drift: slow tracking error as estimated, median. range bias: \
+        its error, median; off by 2σ: share of the rooms. direction: share of the rooms in which the \
         direction counts as observed, and the angle by which it is wrong there, median.";
     Table { head: head.map(str::to_owned).to_vec(), rows, caption: caption.into() }
 }
@@ -126,6 +132,10 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
     let mut squared: Vec<f64> = reads.iter().map(|read| read.squared).collect();
     let mut offsets_ms: Vec<f64> = reads.iter().map(|read| read.found.time_offset.offset_s.abs() * 1e3).collect();
     let mut drifts_mm: Vec<f64> = reads.iter().map(|read| read.found.drift_m * 1e3).collect();
+    let biases_m = reads.iter().map(|read| (read.found.range_bias_m - read.true_bias_m, read.found.range_bias_sigma_m));
+    let mut bias_errors_mm: Vec<f64> = biases_m.clone().map(|(error_m, _)| error_m.abs() * 1e3).collect();
+    let mut bias_sigmas_mm: Vec<f64> = biases_m.clone().map(|(_, sigma_m)| sigma_m * 1e3).collect();
+    let are_biases_off = biases_m.map(|(error_m, sigma_m)| f64::from(u8::from(error_m.abs() > 2.0 * sigma_m)));
     let mut wrong_deg: Vec<f64> = reads.iter().filter_map(|read| read.boresight_off_rad).map(f64::to_degrees).collect();
     let observed = reads.iter().map(|read| read.found.time_offset).filter(|offset| offset.observable);
     let is_off = |offset: TimeOffset| f64::from(u8::from(offset.offset_s.abs() > 3.0 * offset.sigma_s));
@@ -142,6 +152,9 @@ fn row(world: &str, headset: &str, time_s: f64, reads: &[&Read]) -> Vec<String> 
         format!("{:.2}", quantile(&mut offsets_ms, 0.9)),
         format!("{:.0}", 100.0 * mean(observed.map(is_off))),
         format!("{:.1}", quantile(&mut drifts_mm, 0.5)),
+        format!("{:.1}", quantile(&mut bias_errors_mm, 0.5)),
+        format!("{:.1}", quantile(&mut bias_sigmas_mm, 0.5)),
+        format!("{:.0}", 100.0 * mean(are_biases_off)),
         format!("{:.0}", 100.0 * wrong_deg.len() as f64 / reads.len().max(1) as f64),
         format!("{:.1}", quantile(&mut wrong_deg, 0.5)),
         format!("{:.1}", quantile(&mut wrong_deg, 0.9)),
@@ -159,7 +172,12 @@ fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose, poses: Poses) ->
     let session = PlaySession { duration_s, head_from_sensor: *assumed * *off, ..session.clone() };
     let session = session.prepare().unwrap_or_else(|error| panic!("{error}"));
     let tracking = Settings::default().tracking;
-    let settings = ObserverSettings { history: tracking.history, head_from_sensor: *assumed, time_offset_s: 0.0 };
+    let settings = ObserverSettings {
+        history: tracking.history,
+        head_from_sensor: *assumed,
+        time_offset_s: 0.0,
+        range_bias_m: None,
+    };
     let mut observer = Observer::new(&session.play().config, settings);
     let mut calibration = SelfCalibration::new(CalibrationSettings::new(0.0, tracking.errors));
     let mut reads = [const { None }; 3];
@@ -185,13 +203,14 @@ fn played_as(session: &PlaySession, assumed: &Pose, off: &Pose, poses: Poses) ->
             reads[n] = found.map(|found| {
                 let shift_error_m = found.mount_shift_m - off.translation;
                 let directions = calibration.echo_directions(&session.play().beam);
+                let true_bias_m = session.range_bias_m(0);
                 let truth = off.rotation * DVec3::NEG_Z;
                 let boresight = directions.boresight.filter(|found| found.observable);
                 let boresight_off_rad = boresight.map(|found| found.direction.angle_between(truth));
                 let squared = shift_error_m.dot(found.mount_covariance_m2.inverse() * shift_error_m);
                 let observed = MountEstimate::new(assumed, &found, &directions).observed;
                 let error_m = assumed.transform_vector(shift_error_m);
-                Read { error_m, observed, squared, boresight_off_rad, directions, found }
+                Read { error_m, observed, squared, boresight_off_rad, directions, true_bias_m, found }
             });
         }
         next_s += ESTIMATE_S;

@@ -142,6 +142,7 @@ fn recorded(scene: &str, motion: &str, snr_db: f64, seed: u64) -> (Vec<Observati
         history: HistorySettings::default(),
         head_from_sensor: scenario.head_from_sensor,
         time_offset_s: 0.0,
+        range_bias_m: None,
     };
     let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
     (observations, simulated.truth.obstacles.iter().map(|o| o.points_m[0]).collect())

@@ -233,6 +233,7 @@ impl TrialRecording {
             history: HistorySettings::default(),
             head_from_sensor: scenario.head_from_sensor,
             time_offset_s: 0.0,
+            range_bias_m: None,
         };
         let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
         Self { observations, truth: simulated.truth.obstacles[0].points_m[0], errors: scenario.errors }

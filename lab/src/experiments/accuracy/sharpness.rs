@@ -113,7 +113,8 @@ fn climb(mut at: DVec3, value: impl Fn(DVec3) -> f64) -> f64 {
 fn pairs(session: &Session) -> Vec<Pair> {
     let play = session.play();
     let history = Settings::default().tracking.history;
-    let settings = ObserverSettings { history, head_from_sensor: play.head_from_sensor, time_offset_s: 0.0 };
+    let settings =
+        ObserverSettings { history, head_from_sensor: play.head_from_sensor, time_offset_s: 0.0, range_bias_m: None };
     let frames = session.frames(0..session.frame_count());
     let poses: Vec<_> = session.poses().collect();
     let (observations, _) = observe_all(&play.config, settings, &frames, &poses);

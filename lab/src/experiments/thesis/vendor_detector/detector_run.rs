@@ -100,6 +100,7 @@ impl DetectorRun {
             history: HistorySettings::default(),
             head_from_sensor: scenario.head_from_sensor,
             time_offset_s: 0.0,
+            range_bias_m: None,
         };
         let (observations, _) = observe_all(&sensor, observer, &simulated.frames, &simulated.poses);
         let things_m: Vec<DVec3> = simulated.truth.obstacles.iter().flat_map(|o| o.points_m.clone()).collect();
