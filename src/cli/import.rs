@@ -88,7 +88,7 @@ impl Import {
     }
 
     fn import(&self) -> Result<()> {
-        let files = CommandFiles::default().reads([&self.frames]).reads(&self.poses).writes([&self.out], never);
+        let files = CommandFiles::default().reads([&self.frames]).reads(&self.poses).records([&self.out], never);
         let outputs = files.check(self.replace)?;
         let mut options = ImportOptions::default();
         if let Some(mount) = &self.mount {

@@ -36,7 +36,15 @@ pub(super) fn always(_: &Path) -> bool {
 #[derive(Debug, Default)]
 pub(super) struct CommandFiles {
     inputs: Vec<PathBuf>,
-    outputs: Vec<(PathBuf, IsOwn)>,
+    outputs: Vec<Output>,
+}
+
+#[derive(Debug)]
+struct Output {
+    path: PathBuf,
+    is_own: IsOwn,
+    /// Whether its folder must be there; others are made.
+    needs_folder: bool,
 }
 
 impl CommandFiles {
@@ -46,14 +54,22 @@ impl CommandFiles {
         self
     }
 
-    /// Adds files that it writes.
+    /// Adds files that it writes, and makes the folders of.
     pub fn writes<P: Into<PathBuf>>(mut self, files: impl IntoIterator<Item = P>, is_own: IsOwn) -> Self {
-        self.outputs.extend(files.into_iter().map(|file| (file.into(), is_own)));
+        let output = |file: P| Output { path: file.into(), is_own, needs_folder: false };
+        self.outputs.extend(files.into_iter().map(output));
+        self
+    }
+
+    /// Adds files that it writes bit by bit, into folders that are there.
+    pub fn records<P: Into<PathBuf>>(mut self, files: impl IntoIterator<Item = P>, is_own: IsOwn) -> Self {
+        let output = |file: P| Output { path: file.into(), is_own, needs_folder: true };
+        self.outputs.extend(files.into_iter().map(output));
         self
     }
 
     /// Checks that no output is an input or another output, however it is named, that none replaces a file of others unless
-    /// the user wants it, and that none lies within a file.
+    /// the user wants it, and that the folders are there or can be made.
     pub fn check(self, replace: ReplaceArgument) -> Result<Outputs> {
         self.check_with(replace.force, "give --force to replace it")
     }
@@ -66,7 +82,7 @@ impl CommandFiles {
     fn check_with(self, is_forced: bool, otherwise: &str) -> Result<Outputs> {
         self.check_distinct()?;
         let mut replaced = Vec::new();
-        for (output, is_own) in self.outputs {
+        for Output { path: output, is_own, needs_folder } in self.outputs {
             if output.is_dir() {
                 bail!("{} is a folder: give the file to write", output.display());
             }
@@ -74,7 +90,7 @@ impl CommandFiles {
                 continue;
             }
             if output.symlink_metadata().is_err() {
-                check_above(&output)?;
+                check_folder(&output, needs_folder)?;
                 continue;
             }
             if !is_forced && !is_own(&output) {
@@ -88,7 +104,7 @@ impl CommandFiles {
     fn check_distinct(&self) -> Result<()> {
         let inputs: Vec<(&Path, String)> = self.inputs.iter().map(|path| (path.as_path(), place(path))).collect();
         let mut outputs: Vec<(&Path, String)> = Vec::new();
-        for (output, _) in self.outputs.iter().filter(|(output, _)| !is_device(output)) {
+        for output in self.outputs.iter().map(|output| output.path.as_path()).filter(|output| !is_device(output)) {
             let own = place(output);
             if let Some((input, _)) = inputs.iter().find(|(_, place)| *place == own) {
                 bail!("{} is {} itself: choose another name for what is written", output.display(), input.display());
@@ -125,11 +141,16 @@ impl Outputs {
     }
 }
 
-/// Refuses an output whose folder cannot be made, because something above it is no folder: better before hours of work than after.
-fn check_above(output: &Path) -> Result<()> {
+/// Refuses an output whose folder is not there although it must be, or cannot be made because something above it is no folder:
+/// better before hours of work than after.
+fn check_folder(output: &Path, needs_folder: bool) -> Result<()> {
     let path = std::path::absolute(output).unwrap_or_else(|_| output.to_owned());
     match path.ancestors().skip(1).find(|above| above.symlink_metadata().is_ok()) {
         Some(above) if !above.is_dir() => bail!("{}: {} is no folder", output.display(), above.display()),
+        Some(above) if needs_folder && path.parent() != Some(above) => {
+            let folder = output.parent().unwrap_or(above);
+            bail!("there is no folder {}: make it, or choose another name", folder.display())
+        }
         _ => Ok(()),
     }
 }

@@ -1,7 +1,7 @@
 //! `radar-chaperone record --out FILE.mcap`: records the sensor's frames, with the headset's poses
 //! or a pose track if available.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -49,8 +49,7 @@ pub(super) struct Record {
 impl Record {
     pub fn run(&self) -> Result<()> {
         let files = CommandFiles::default().reads(&self.poses).reads(&self.sensor.config);
-        files.writes([&self.out], never).writes(&self.sensor.calibration, always).check_new()?;
-        check_folder(&self.out)?;
+        files.records([&self.out], never).writes(&self.sensor.calibration, always).check_new()?;
         self.check()?;
         self.sensor.mount()?;
         let sensor = self.sensor.choose()?;
@@ -114,13 +113,4 @@ impl Record {
         }
         Ok(())
     }
-}
-
-/// Refuses to record into a missing folder.
-pub(super) fn check_folder(out: &Path) -> Result<()> {
-    let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if !folder.is_dir() {
-        bail!("there is no folder {}: make it, or choose another name for the recording", folder.display());
-    }
-    Ok(())
 }

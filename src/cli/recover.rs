@@ -27,7 +27,7 @@ impl Recover {
     pub fn run(&self) -> Result<()> {
         let other = self.header_of.as_deref();
         let inputs = other.into_iter().chain([self.file.as_path()]);
-        let outputs = CommandFiles::default().reads(inputs).writes([&self.out], never).check(self.replace)?;
+        let outputs = CommandFiles::default().reads(inputs).records([&self.out], never).check(self.replace)?;
         let mut recording = match other {
             None => Recording::open(&self.file)?,
             Some(other) => {

@@ -92,7 +92,7 @@ impl Replay {
 
     fn files(&self) -> CommandFiles {
         let files = CommandFiles::default().reads([&self.file]).reads(&self.map).reads(self.settings.file());
-        let files = files.writes(&self.results, never).writes(&self.film, never).writes(self.view.shots(), is_shot);
+        let files = files.records(&self.results, never).writes(&self.film, never).writes(self.view.shots(), is_shot);
         match &self.out {
             Some(out) => files
                 .writes([out.join("obstacles.json")], is_obstacles)

@@ -11,7 +11,6 @@ use radar_sar::geometry::Pose;
 
 use super::files::SettingsArguments;
 use super::outputs::{CommandFiles, always, never};
-use super::record::check_folder;
 use super::sensor::SensorArguments;
 use crate::app::{SessionOptions, is_session_report};
 
@@ -53,9 +52,8 @@ fn front_of_headset() -> Pose {
 impl Run {
     pub fn run(&self) -> Result<()> {
         let files = CommandFiles::default().reads(&self.sensor.config).reads(self.settings.live_file());
-        let files = files.writes(&self.record, never).writes(&self.report, is_session_report);
+        let files = files.records(&self.record, never).writes(&self.report, is_session_report);
         files.writes(&self.sensor.calibration, always).check_new()?;
-        self.record.as_deref().map_or(Ok(()), check_folder)?;
         self.check()?;
         let sensor = self.sensor.clone();
         let options = SessionOptions {

@@ -82,7 +82,7 @@ impl Serve {
     /// What it writes, and the link that it makes.
     pub fn files(&self) -> CommandFiles {
         let link = self.serve.as_deref().and_then(|place| place.strip_prefix("pty:"));
-        CommandFiles::default().reads(link).writes(&self.track_out, is_track).writes(&self.poses_out, is_track)
+        CommandFiles::default().reads(link).writes(&self.track_out, is_track).records(&self.poses_out, is_track)
     }
 
     /// Serves until Ctrl-C, or for a time, which replaces `scenario.duration_s`.

@@ -100,7 +100,7 @@ impl Simulate {
             return self.live.run(self.scenario()?, self.duration_s, &outputs);
         };
         self.live.require_serve()?;
-        let files = CommandFiles::default().reads(&self.config).writes([out], never);
+        let files = CommandFiles::default().reads(&self.config).records([out], never);
         let existing = files.check(self.replace)?.existing(out);
         let spinner = progress::spinner("simulating");
         let summary = if self.room == PLAY_ROOM {

@@ -175,7 +175,7 @@ fn unwritable_outputs_are_reported_once() {
     let folder = folder("unwritable");
     std::fs::create_dir(folder.path("folder")).unwrap();
     for (line, reason) in [
-        ("simulate nothing --duration-s 0.2 --out missing/r.mcap", "os error"),
+        ("simulate nothing --duration-s 0.2 --out missing/r.mcap", "there is no folder missing"),
         ("reconstruct r.mcap --voxel-m 0.5 --out r.mcap/v.npy", "is no folder"),
         ("replay r.mcap --out r.mcap", "is no folder"),
     ] {

@@ -111,6 +111,10 @@ fn a_folder_that_cannot_be_made_is_refused_before_any_work() {
     ] {
         folder.run(command).fails_with("s.toml is no folder");
     }
+    // Recordings are written into folders that are there.
+    for command in ["replay none.mcap --results gone/b.mcap", "recover none.mcap --out gone/b.mcap"] {
+        folder.run(command).fails_with("there is no folder gone: make it, or choose another name");
+    }
     // What lies beside a folder that is still to be made does not matter.
     std::fs::create_dir(folder.path("y.npy")).unwrap();
     folder.run("reconstruct r.mcap --voxel-m 0.5 --out new/y.npy").succeeds();

@@ -275,7 +275,7 @@ fn places_that_cannot_be_served_are_refused() {
         ("--serve pty:board --board xe999", "invalid value 'xe999' for '--board"),
         ("--serve pty:board --out x.mcap", "cannot be used with"),
         ("--serve pty:board --preset d16", "cannot be used with"),
-        ("--serve pty:board --poses-out missing/p.tum", "cannot write missing/p.tum"),
+        ("--serve pty:board --poses-out missing/p.tum", "there is no folder missing: make it, or choose"),
         ("--out x.mcap --faults flip=1", "--faults is for serving: give --serve PLACE in place of --out"),
         ("--serve pty:board --track-out t.tum", "--track-out writes the whole track beforehand: give --duration-s"),
         ("--serve pty:board --track-out t.tum --duration-s 4000", "give --duration-s, at most 3600 s"),
