@@ -55,15 +55,22 @@ impl CommandFiles {
     }
 
     /// Adds files that it writes, and makes the folders of.
-    pub fn writes<P: Into<PathBuf>>(mut self, files: impl IntoIterator<Item = P>, is_own: IsOwn) -> Self {
-        let output = |file: P| Output { path: file.into(), is_own, needs_folder: false };
-        self.outputs.extend(files.into_iter().map(output));
-        self
+    pub fn writes<P: Into<PathBuf>>(self, files: impl IntoIterator<Item = P>, is_own: IsOwn) -> Self {
+        self.and_outputs(files, is_own, false)
     }
 
     /// Adds files that it writes bit by bit, into folders that are there.
-    pub fn records<P: Into<PathBuf>>(mut self, files: impl IntoIterator<Item = P>, is_own: IsOwn) -> Self {
-        let output = |file: P| Output { path: file.into(), is_own, needs_folder: true };
+    pub fn records<P: Into<PathBuf>>(self, files: impl IntoIterator<Item = P>, is_own: IsOwn) -> Self {
+        self.and_outputs(files, is_own, true)
+    }
+
+    fn and_outputs<P: Into<PathBuf>>(
+        mut self,
+        files: impl IntoIterator<Item = P>,
+        is_own: IsOwn,
+        needs_folder: bool,
+    ) -> Self {
+        let output = |file: P| Output { path: file.into(), is_own, needs_folder };
         self.outputs.extend(files.into_iter().map(output));
         self
     }
