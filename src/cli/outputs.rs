@@ -153,7 +153,9 @@ impl Outputs {
 fn check_folder(output: &Path, needs_folder: bool) -> Result<()> {
     let path = std::path::absolute(output).unwrap_or_else(|_| output.to_owned());
     match path.ancestors().skip(1).find(|above| above.symlink_metadata().is_ok()) {
-        Some(above) if !above.is_dir() => bail!("{}: {} is no folder", output.display(), above.display()),
+        Some(above) if !above.is_dir() => {
+            bail!("{}: {} is no folder: choose another name", output.display(), above.display())
+        }
         Some(above) if needs_folder && path.parent() != Some(above) => {
             let folder = output.parent().unwrap_or(above);
             bail!("there is no folder {}: make it, or choose another name", folder.display())

@@ -15,7 +15,7 @@ use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
 
-use super::loopback::{RangeBias, loopback_peak_m};
+use super::range_bias::{RangeBias, loopback_peak_m};
 use super::timestamps::{TimestampFilter, TimestampVerdict};
 use super::{Event, MappingSettings, Refusal, TrackingSettings, in_time_order, range_axis};
 use a121::{Frame, FrameLayout, SensorConfig, Subsweep, Sweep};
