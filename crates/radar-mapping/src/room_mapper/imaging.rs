@@ -88,11 +88,16 @@ impl Imaging {
         self.fine.request(&points, FINE_EDGE_M);
     }
 
+    /// Brings the fine field up to date around points, the most important first; false for a point that has to wait.
+    pub fn update_fine(&mut self, places: impl Iterator<Item = DVec3>, window: &Window) -> Vec<bool> {
+        let regions: Vec<Aabb> = places.map(fine_region).collect();
+        self.fine.update_around(&regions, &window.iter().collect::<Vec<_>>())
+    }
+
     /// The greatest fine voxel around a point and the shape around it, when the point is imaged
     /// finely.
-    pub fn fine_maximum(&mut self, at: DVec3, window: &Window) -> Option<(DVec3, Shape)> {
-        let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
-        let voxels = self.fine.above_within(&around, 0.0, &window.iter().collect::<Vec<_>>())?;
+    pub fn fine_maximum(&self, at: DVec3) -> Option<(DVec3, Shape)> {
+        let voxels = self.fine.above_within(&fine_region(at), 0.0);
         let greatest = voxels.iter().reduce(|a, b| if b.score > a.score { b } else { a })?;
         Some((greatest.position_m, Shape::of_fine(&voxels)))
     }
@@ -107,4 +112,9 @@ impl Imaging {
     pub fn voxel_m(&self) -> f64 {
         self.voxel_m
     }
+}
+
+/// The cube around a point that is imaged finely.
+fn fine_region(at: DVec3) -> Aabb {
+    Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 }
 }

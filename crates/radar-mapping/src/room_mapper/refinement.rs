@@ -2,6 +2,7 @@
 //! and that of `ls`, weighted by their covariances.
 
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 
 use super::PEAK_RADIUS_M;
 use super::config::RoomConfig;
@@ -39,13 +40,17 @@ pub(super) struct Refinement<'a> {
 impl Refinement<'_> {
     /// Refines confirmed tracks whose quality has improved.
     pub fn update(&self, objects: &mut ObjectMap, imaging: &mut Imaging) {
-        for track in objects.stale() {
-            let coarse = |imaging: &Imaging| (track.estimate, imaging.coarse_shape(track.estimate, track.score));
-            let found = imaging.fine_maximum(track.estimate, self.window);
-            let (at, shape) = found.unwrap_or_else(|| coarse(imaging));
+        let stale = objects.stale();
+        let is_fine = imaging.update_fine(stale.iter().map(|track| track.estimate), self.window);
+        let imaging = &*imaging;
+        let refined = stale.par_iter().zip(is_fine).map(|(track, is_fine)| {
+            let coarse = || (track.estimate, imaging.coarse_shape(track.estimate, track.score));
+            let (at, shape) = is_fine.then(|| imaging.fine_maximum(track.estimate)).flatten().unwrap_or_else(coarse);
             let (position_m, covariance_m2) = self.refined_position(at);
-            objects.set_refined(&track, RefinedPoint { position_m, covariance_m2, shape });
-        }
+            RefinedPoint { position_m, covariance_m2, shape }
+        });
+        let refined: Vec<RefinedPoint> = refined.collect();
+        stale.iter().zip(refined).for_each(|(track, refined)| objects.set_refined(track, refined));
     }
 
     /// The position of the sub-aperture score and that of `ls`, weighted by their covariances.

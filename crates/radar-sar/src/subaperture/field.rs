@@ -99,13 +99,11 @@ impl Field {
                 in_reach[at] = true;
             }
         }
-        let visited: usize = self
-            .bricks
-            .par_iter_mut()
-            .zip(&in_reach)
-            .filter(|(_, reach)| **reach)
-            .map_init(Scratch::default, |scratch, (brick, _)| brick.add(&view, moment, scratch))
-            .sum();
+        // Only those in reach, so that the parallel loop divides evenly.
+        let reached = self.bricks.iter_mut().zip(in_reach).filter(|(_, is_in_reach)| *is_in_reach);
+        let mut reached: Vec<&mut Brick> = reached.map(|(brick, _)| brick).collect();
+        let add = |scratch: &mut Scratch, brick: &mut &mut Brick| brick.add(&view, moment, scratch);
+        let visited: usize = reached.par_iter_mut().map_init(Scratch::default, add).sum();
         self.updates += (visited * block.sweep_count()) as u64;
     }
 
@@ -126,16 +124,18 @@ impl Field {
 
     /// Adds to every existing brick the sub-apertures it is missing, given by its key as a range of
     /// `blocks` (in time order, all registered).
-    pub(super) fn add_missing(&mut self, blocks: &[&Subaperture], missing: impl Fn(&[i32; 3]) -> Range<usize> + Sync) {
+    pub(super) fn add_missing(&mut self, blocks: &[&Subaperture], missing: impl Fn(&[i32; 3]) -> Range<usize>) {
         let moments: Vec<Moment> = blocks.iter().map(|block| self.moment(block.mid_time_ns)).collect();
         let views: Vec<BeamView> =
             blocks.iter().map(|block| BeamView::new(block, &self.settings, self.min_cos)).collect();
-        let add = |scratch: &mut Scratch, brick: &mut Brick| -> usize {
-            let lacking = missing(&brick.key.to_array());
-            let each = views[lacking.clone()].iter().zip(&moments[lacking]);
+        // Only those that lack something, so that the parallel loop divides evenly.
+        let lacking = self.bricks.iter_mut().map(|brick| (missing(&brick.key.to_array()), brick));
+        let mut lacking: Vec<(Range<usize>, &mut Brick)> = lacking.filter(|(blocks, _)| !blocks.is_empty()).collect();
+        let add = |scratch: &mut Scratch, (blocks, brick): &mut (Range<usize>, &mut Brick)| -> usize {
+            let each = views[blocks.clone()].iter().zip(&moments[blocks.clone()]);
             each.map(|(view, now)| brick.add(view, *now, scratch) * view.block.sweep_count()).sum()
         };
-        let updates: usize = self.bricks.par_iter_mut().map_init(Scratch::default, add).sum();
+        let updates: usize = lacking.par_iter_mut().map_init(Scratch::default, add).sum();
         self.updates += updates as u64;
     }
 

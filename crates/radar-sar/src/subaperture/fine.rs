@@ -174,20 +174,33 @@ impl FineField {
             .extend(wanted.iter().map(|key| (key.to_array(), Open { idle: 0, missing: self.popped, is_empty: true })));
     }
 
-    /// Open voxels within a box of at least that score, in brick order. `at_hand`: all current
-    /// sub-apertures, in time order. `None` when this update has already read too many bricks.
-    pub fn above_within(&mut self, region: &Aabb, min_score: f64, at_hand: &[&Subaperture]) -> Option<Vec<Peak>> {
+    /// Brings the open bricks that these boxes touch up to date, the most important box first; false for a box for which
+    /// this update would read too many bricks. `at_hand`: all current sub-apertures, in time order.
+    pub fn update_around(&mut self, regions: &[Aabb], at_hand: &[&Subaperture]) -> Vec<bool> {
         debug_assert_eq!(at_hand.len() as u64, self.pushed - self.popped);
-        let keys = self.field.keys_around(region).into_iter().map(|key| key.to_array());
-        let lacking = |key: &[i32; 3]| self.open.get(key).map(|o| o.missing).filter(|missing| *missing < self.pushed);
-        let behind: BTreeMap<[i32; 3], u64> = keys.filter_map(|key| Some((key, lacking(&key)?))).collect();
-        let Some(updates_left) = self.updates_left.checked_sub(behind.len()) else {
-            self.counters.put_off += behind.len() as u64;
-            return None;
-        };
-        self.updates_left = updates_left;
+        let mut behind = BTreeMap::new();
+        let is_updated = regions.iter().map(|region| {
+            let keys = self.field.keys_around(region).into_iter().map(|key| key.to_array());
+            let lacking =
+                |key: &[i32; 3]| self.open.get(key).map(|o| o.missing).filter(|missing| *missing < self.pushed);
+            let more = keys.filter(|key| !behind.contains_key(key)).filter_map(|key| Some((key, lacking(&key)?)));
+            let more: Vec<([i32; 3], u64)> = more.collect();
+            let Some(updates_left) = self.updates_left.checked_sub(more.len()) else {
+                self.counters.put_off += more.len() as u64;
+                return false;
+            };
+            self.updates_left = updates_left;
+            behind.extend(more);
+            true
+        });
+        let is_updated = is_updated.collect();
         self.catch_up(&behind, at_hand);
-        Some(self.field.above_within(region, min_score))
+        is_updated
+    }
+
+    /// Open voxels within a box of at least that score, in brick order, as of the last [`update_around`](Self::update_around).
+    pub fn above_within(&self, region: &Aabb, min_score: f64) -> Vec<Peak> {
+        self.field.above_within(region, min_score)
     }
 
     /// Brings every open brick up to date, without a limit.
@@ -264,16 +277,15 @@ mod tests {
                 fine.push_subaperture(block);
                 match n {
                     2 => fine.request(&[CHAIR], 0.1),
-                    4 => assert!(
-                        fine.above_within(&around(CHAIR), -9.0, &blocks[..=n].iter().collect::<Vec<_>>()).is_some()
-                    ),
+                    4 => assert!(fine.update_around(&[around(CHAIR)], &blocks[..=n].iter().collect::<Vec<_>>())[0]),
                     5 => fine.request(&[CHAIR, LAMP], 0.1),
                     6 => (0..2).for_each(|_| fine.pop_subaperture()),
                     _ => {}
                 }
             }
             let at_hand: Vec<&Subaperture> = blocks[2..].iter().collect();
-            [CHAIR, LAMP].map(|at| fine.above_within(&around(at), -9.0, &at_hand).unwrap())
+            assert_eq!(fine.update_around(&[CHAIR, LAMP].map(around), &at_hand), [true, true]);
+            [CHAIR, LAMP].map(|at| fine.above_within(&around(at), -9.0))
         };
         let found = run();
         for ((at, since), found) in [(CHAIR, 0), (LAMP, 2)].into_iter().zip(&found) {
@@ -312,8 +324,8 @@ mod tests {
         // Nothing has been read yet, and at most five bricks are read at once.
         assert_eq!(fine.counters().updates, 0);
         let at_hand: Vec<&Subaperture> = blocks.iter().collect();
-        assert_eq!(fine.above_within(&cube, 0.0, &at_hand), None);
-        assert!(fine.above_within(&Aabb { min: CHAIR, max: CHAIR }, 0.0, &at_hand).is_some());
+        let within = Aabb { min: CHAIR, max: CHAIR };
+        assert_eq!(fine.update_around(&[cube, within], &at_hand), [false, true]);
         assert!(fine.counters().updates > 0);
         // Without requests everything is dropped after two updates.
         fine.request(&[], 0.1);
@@ -329,12 +341,14 @@ mod tests {
         let mut fine = fine(FineSettings::default());
         blocks[..3].iter().for_each(|block| fine.push_subaperture(block));
         fine.request(&[CHAIR], 0.1);
-        let first = fine.above_within(&around(CHAIR), -9.0, &at_hand[..3]).unwrap();
+        fine.update_around(&[around(CHAIR)], &at_hand[..3]);
+        let first = fine.above_within(&around(CHAIR), -9.0);
         blocks[3..].iter().for_each(|block| fine.push_subaperture(block));
         let of_three = fine.counters().updates;
         (0..4).for_each(|_| fine.pop_subaperture());
         assert_eq!(fine.counters().updates, of_three, "what expires is not added");
-        let second = fine.above_within(&around(CHAIR), -9.0, &at_hand[4..]).unwrap();
+        fine.update_around(&[around(CHAIR)], &at_hand[4..]);
+        let second = fine.above_within(&around(CHAIR), -9.0);
         let settings = SubapertureSettings { voxel_m: 0.01, ..SubapertureSettings::default() };
         let exact = |blocks: &[Subaperture]| {
             let mut dense = Field::new(settings, settings.min_cos(&Beam::Lensless));
