@@ -16,6 +16,10 @@ use radar_sar::{Beam, SweepGeometry, WAVELENGTH_M, outer};
 /// back.
 const CACHED_UPDATES: u32 = 4;
 
+/// Points that one task queries. Choice: the 26 neighbours of a point are divided among four threads, and each sub-aperture is
+/// still queried for several at once.
+const POINTS_AT_ONCE: usize = 7;
+
 /// A response of lower m does not measure a position. Choice: noise reaches 3 in 5 % of the
 /// sub-apertures (e⁻³); higher values lose weak objects.
 pub(super) const SIGNIFICANT_COHERENCE: f64 = 3.0;
@@ -181,29 +185,49 @@ impl ResponseCache {
     /// Queries all sub-apertures for all points. The function evaluates some points in one
     /// sub-aperture, given by its index in the window.
     pub(super) fn query(&mut self, points: &[DVec3], evaluate: impl Fn(usize, &[DVec3]) -> Vec<CachedResponse> + Sync) {
-        let mut rows: Vec<Row> = points.iter().map(|&point| self.take_row(point)).collect();
-        let missing: Vec<Vec<usize>> = (0..self.keys.len())
-            .map(|index| (0..rows.len()).filter(|&n| rows[n].cached[index].is_none()).collect())
-            .collect();
-        let query = |(index, missing): (usize, &Vec<usize>)| match missing.is_empty() {
-            true => Vec::new(),
-            false => evaluate(index, &missing.iter().map(|&n| points[n]).collect::<Vec<_>>()),
+        let (first, subapertures) = (self.first, self.keys.len());
+        let mut rows: Vec<Row> =
+            points.iter().map(|point| self.rows.remove(&key(*point)).unwrap_or_default()).collect();
+        let parts = rows.par_chunks_mut(POINTS_AT_ONCE).zip(points.par_chunks(POINTS_AT_ONCE));
+        let count = |(rows, points): (&mut [Row], &[DVec3])| {
+            rows.iter_mut().for_each(|row| row.move_to(first, subapertures));
+            (0..subapertures).map(|index| add_missing(rows, points, index, &evaluate)).fold([0; 2], add)
         };
-        let answers: Vec<Vec<CachedResponse>> = missing.par_iter().enumerate().map(query).collect();
-        self.hits += (rows.len() * missing.len() - missing.iter().map(Vec::len).sum::<usize>()) as u64;
-        for (index, (missing, cached)) in missing.iter().zip(answers).enumerate() {
-            self.misses += cached.iter().flatten().count() as u64;
-            missing.iter().zip(cached).for_each(|(&n, cached)| rows[n].cached[index] = cached);
-        }
+        let [missing, found] = parts.map(count).reduce(|| [0; 2], add);
+        self.hits += (points.len() * subapertures) as u64 - missing;
+        self.misses += found;
         self.rows.extend(points.iter().map(|point| key(*point)).zip(rows));
     }
+}
 
-    /// The row of a point, resized to the sub-apertures of the window.
-    fn take_row(&mut self, point: DVec3) -> Row {
-        let mut row = self.rows.remove(&key(point)).unwrap_or_default();
-        let gone = self.first.saturating_sub(row.first).min(row.cached.len() as u64);
-        row.cached.drain(..gone as usize);
-        row.cached.resize(self.keys.len(), None);
-        Row { updates_unqueried: 0, first: self.first, ..row }
+impl Row {
+    /// Drops the sub-apertures before the first of the window, and makes room for new ones.
+    fn move_to(&mut self, first: u64, subapertures: usize) {
+        let gone = first.saturating_sub(self.first).min(self.cached.len() as u64);
+        self.cached.drain(..gone as usize);
+        self.cached.resize(subapertures, None);
+        (self.first, self.updates_unqueried) = (first, 0);
     }
+}
+
+/// Queries a sub-aperture for those of the points whose rows lack it; returns how many these are, and how many were not masked.
+fn add_missing(
+    rows: &mut [Row],
+    points: &[DVec3],
+    index: usize,
+    evaluate: impl Fn(usize, &[DVec3]) -> Vec<CachedResponse>,
+) -> [u64; 2] {
+    let lacking = rows.iter_mut().zip(points).filter(|(row, _)| row.cached[index].is_none());
+    let (lacking, wanted): (Vec<&mut Row>, Vec<DVec3>) = lacking.unzip();
+    if wanted.is_empty() {
+        return [0; 2];
+    }
+    let answers = evaluate(index, &wanted);
+    let found = answers.iter().flatten().count();
+    lacking.into_iter().zip(answers).for_each(|(row, answer)| row.cached[index] = answer);
+    [wanted.len(), found].map(|count| count as u64)
+}
+
+fn add(a: [u64; 2], b: [u64; 2]) -> [u64; 2] {
+    [a[0] + b[0], a[1] + b[1]]
 }

@@ -5,7 +5,6 @@ use std::collections::BTreeSet;
 use glam::{DVec3, IVec3};
 
 use super::candidate::{Candidate, Hypothesis};
-use super::masks::Mask;
 use super::query::SubapertureQuery;
 use super::residual::Residual;
 use crate::existence::Likelihood;
@@ -47,13 +46,12 @@ impl<'a> PointSearch<'a> {
 
     /// The score of a queried point; −∞ when too few sub-apertures are unmasked.
     fn score(&self, place: DVec3, residual: &Residual) -> f64 {
-        let unmasked = |(cached, masks): (&'_ CachedResponse, &Vec<Mask>)| -> Option<Response> {
-            let is_masked = |v: &Response| masks.iter().any(|mask| mask.covers(v.range_m, v.cos));
-            cached.flatten().filter(|response| !is_masked(response))
-        };
-        let of_all = self.cache.cached(place).zip(residual.masks().iter());
-        let responses: Vec<Option<Response>> = of_all.map(unmasked).collect();
-        let unmasked = residual.score(responses.iter().map(Option::as_ref));
+        let each = self.cache.cached(place).zip(residual.masks().iter());
+        let unmasked = each.map(|(cached, masks)| {
+            let response = cached.as_ref()?.as_ref()?;
+            (!masks.iter().any(|mask| mask.covers(response.range_m, response.cos))).then_some(response)
+        });
+        let unmasked = residual.score(unmasked);
         unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score)
     }
 
