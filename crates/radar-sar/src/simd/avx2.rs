@@ -29,6 +29,8 @@ impl Lanes for Avx2 {
     type F = [__m256; 2];
     type I = [__m256i; 2];
     type M = [__m256; 2];
+    type Table = [f32; LANES];
+    const HAS_HALVES: bool = true;
 
     lanewise! {
         add(a: F, b: F) -> F = _mm256_add_ps;
@@ -127,6 +129,23 @@ impl Lanes for Avx2 {
         let [low, high] = [[table[0]; 2], [table[1]; 2]];
         let (low, high) = (apply!(_mm256_permutevar8x32_ps, low, index), apply!(_mm256_permutevar8x32_ps, high, index));
         self.select::<3>(index, low, high)
+    }
+    #[inline(always)]
+    fn table(self, entries: Self::F) -> Self::Table {
+        self.store(entries)
+    }
+    #[inline(always)]
+    fn entries(self, table: &Self::Table) -> Self::F {
+        self.load(table)
+    }
+    #[inline(always)]
+    fn permute_near(self, table: &Self::Table, starts: [i32; 2], index: Self::I) -> Self::F {
+        let from = [starts[0].clamp(0, 8), starts[1].clamp(0, 8)];
+        let eight = [self.eight(table, from[0] as usize), self.eight(table, from[1] as usize)];
+        let first = apply!(_mm256_set1_epi32, from);
+        let index = self.sub_int(index, first);
+        // The instruction takes the index modulo eight.
+        apply!(_mm256_permutevar8x32_ps, eight, index)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {

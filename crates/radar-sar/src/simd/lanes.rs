@@ -30,6 +30,10 @@ pub(crate) trait Lanes: Copy {
     type I: Copy;
     /// Sixteen booleans.
     type M: Copy;
+    /// Sixteen f32, where lookups read them fastest: in registers, or in memory.
+    type Table: Copy;
+    /// Whether [`permute_near`](Self::permute_near) is faster than [`permute`](Self::permute).
+    const HAS_HALVES: bool;
 
     fn splat(self, value: f32) -> Self::F;
     /// One value in the first eight lanes, another in the last.
@@ -87,6 +91,11 @@ pub(crate) trait Lanes: Copy {
     /// The lanes of `table` that the low four bits of the index select: one instruction, where a
     /// gather from memory takes seventeen.
     fn permute(self, table: Self::F, index: Self::I) -> Self::F;
+    fn table(self, entries: Self::F) -> Self::Table;
+    fn entries(self, table: &Self::Table) -> Self::F;
+    /// The same as [`permute`](Self::permute) where, in either half of the lanes, every index is one of the eight from the
+    /// half's start on. A register of eight lanes then takes one instruction instead of three.
+    fn permute_near(self, table: &Self::Table, starts: [i32; 2], index: Self::I) -> Self::F;
     /// `window[index]`; the index is taken modulo N, which is 8, 16, 32, 64 or 128.
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F;
     /// `table[index]`; an index outside takes the nearest entry.
@@ -188,6 +197,10 @@ mod tests {
             let (whole, bits) = s.rounded(b);
             let (cos, sin) = s.cos_sin_of_half_turns(b);
             let (here, next) = s.gather_pairs(&table, n);
+            // Each half reads its own eight of sixteen entries.
+            let (of_16, starts) = (s.table(a), [3, 8]);
+            let near = std::array::from_fn(|l| ROUNDER.to_bits() as i32 + starts[l / 8] + l as i32 * 5 % 8);
+            let near = s.permute_near(&of_16, starts, s.load_int(&near));
             let entries = [5, -7, 11, 13, 1 << 30];
             let sum = s.splat_int(i32::from(s.mask_bits(s.or(less, odd))));
             let floats = [
@@ -209,6 +222,8 @@ mod tests {
                 s.to_float(n),
                 s.or_zero(s.and(less, odd), a),
                 s.permute(a, bits),
+                near,
+                s.entries(&of_16),
                 s.look_up(table.first_chunk::<8>().unwrap(), n),
                 s.look_up(table.first_chunk::<16>().unwrap(), n),
                 s.look_up(table.first_chunk::<32>().unwrap(), n),

@@ -34,6 +34,8 @@ impl Lanes for Portable {
     type F = [f32; LANES];
     type I = [i32; LANES];
     type M = [bool; LANES];
+    type Table = Self::F;
+    const HAS_HALVES: bool = false;
 
     lanewise! {
         add(a: F, b: F) -> F = |a, b| a + b;
@@ -105,6 +107,18 @@ impl Lanes for Portable {
     #[inline(always)]
     fn permute(self, table: Self::F, index: Self::I) -> Self::F {
         from_fn(|l| table[index[l] as usize % LANES])
+    }
+    #[inline(always)]
+    fn table(self, entries: Self::F) -> Self::Table {
+        entries
+    }
+    #[inline(always)]
+    fn entries(self, table: &Self::Table) -> Self::F {
+        *table
+    }
+    #[inline(always)]
+    fn permute_near(self, table: &Self::Table, _: [i32; 2], index: Self::I) -> Self::F {
+        self.permute(*table, index)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {

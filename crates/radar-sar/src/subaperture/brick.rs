@@ -11,7 +11,7 @@
 //! leaves are short enough that κ·s·x stays within [`MAX_PHASE_RAD`].
 //!
 //! Each table has sixteen entries, one register. Lanes are voxels, 4 × 4 of a layer, and select
-//! their entries within it. m agrees with the exact kernel to 1 % of itself plus 0.02, as that
+//! their entries within it; where a register has eight lanes, mostly among eight entries. m agrees with the exact kernel to 1 % of itself plus 0.02, as that
 //! kernel does with the oracle.
 
 use super::Subaperture;
@@ -129,6 +129,7 @@ pub(super) struct Scratch {
     cos: Vec<f32>,
     sin: Vec<f32>,
     sums: Vec<Sums>,
+    halves: Vec<Halves>,
 }
 
 impl Subaperture {
@@ -202,18 +203,23 @@ impl Kernel for SumInBox<'_> {
         demodulate_sweeps(s, block, voxels.middle_m, scratch);
         let cosine_spread = block.cosine_spread(voxels);
         let partition = block.partition(MAX_PHASE_RAD / (PHASE_RAD_PER_M as f32 * cosine_spread));
+        scratch.halves.clear();
+        for layers_m in voxels.layers_m.chunks(LAYERS_AT_ONCE) {
+            let halves = if S::HAS_HALVES { Halves::of(layers_m, voxels.voxel_m) } else { Halves::UNUSED };
+            scratch.halves.push(halves);
+        }
         for run in &partition.runs {
             let phase_rad = PHASE_RAD_PER_M as f32 * run.half_length_m * cosine_spread;
             let offset_m = &partition.offset_m;
             if phase_rad >= SECOND_ORDER_FROM_RAD {
                 let tables = tabulate::<S, 2>(s, block, scratch, run, offset_m, cosine_spread);
-                add_leaf::<S, 2>(s, block, voxels, run, &tables, sums);
+                add_leaf::<S, 2>(s, block, voxels, &scratch.halves, run, &tables, sums);
             } else if phase_rad >= FIRST_ORDER_FROM_RAD {
                 let tables = tabulate::<S, 1>(s, block, scratch, run, offset_m, cosine_spread);
-                add_leaf::<S, 1>(s, block, voxels, run, &tables, sums);
+                add_leaf::<S, 1>(s, block, voxels, &scratch.halves, run, &tables, sums);
             } else {
                 let tables = tabulate::<S, 0>(s, block, scratch, run, offset_m, cosine_spread);
-                add_leaf::<S, 0>(s, block, voxels, run, &tables, sums);
+                add_leaf::<S, 0>(s, block, voxels, &scratch.halves, run, &tables, sums);
             }
         }
     }
@@ -287,11 +293,11 @@ const ROW: [f32; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0
 struct Tables<S: Lanes> {
     /// The energy less the coherent sum's share of it, abs(sum)² over the number of sweeps. In an echo much stronger than
     /// the noise both are large and nearly equal; interpolated one by one, their difference would be lost.
-    incoherent: [S::F; 3],
-    re: [S::F; 3],
-    im: [S::F; 3],
-    first: [[S::F; 2]; 2],
-    second: [[S::F; 2]; 2],
+    incoherent: [S::Table; 3],
+    re: [S::Table; 3],
+    im: [S::Table; 3],
+    first: [[S::Table; 2]; 2],
+    second: [[S::Table; 2]; 2],
 }
 
 #[inline(always)]
@@ -368,7 +374,7 @@ const fn lane_plus(shift: usize) -> [i32; LANES] {
 /// quadratic within half an entry of the middle one. Next to the tables' ends, where the fifth
 /// entry is missing, the cubic through four.
 #[inline(always)]
-fn quadratics<S: Lanes>(s: S, table: S::F) -> [S::F; 3] {
+fn quadratics<S: Lanes>(s: S, table: S::F) -> [S::Table; 3] {
     let (before, after) = neighbors(s, table);
     let half = s.splat(0.5);
     let slope = s.mul(s.sub(after, before), half);
@@ -378,9 +384,9 @@ fn quadratics<S: Lanes>(s: S, table: S::F) -> [S::F; 3] {
     let third = s.add(s.mul(rise, s.load(&AFTER)), s.mul(fall, s.load(&BEFORE)));
     let fourth = s.mul(s.sub(rise, fall), s.load(&INNER));
     [
-        s.neg_mul_add(fourth, s.splat(1.0 / 1536.0), table),
-        s.neg_mul_add(third, s.splat(13.0 / 96.0), slope),
-        s.neg_mul_add(fourth, s.splat(1.0 / 16.0), bend),
+        s.table(s.neg_mul_add(fourth, s.splat(1.0 / 1536.0), table)),
+        s.table(s.neg_mul_add(third, s.splat(13.0 / 96.0), slope)),
+        s.table(s.neg_mul_add(fourth, s.splat(1.0 / 16.0), bend)),
     ]
 }
 
@@ -391,20 +397,121 @@ const BEFORE: [f32; LANES] = [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 
 const INNER: [f32; LANES] = [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
 
 #[inline(always)]
-fn lines<S: Lanes>(s: S, table: S::F) -> [S::F; 2] {
+fn lines<S: Lanes>(s: S, table: S::F) -> [S::Table; 2] {
     let (before, after) = neighbors(s, table);
-    [table, s.mul(s.sub(after, before), s.splat(0.5))]
+    [s.table(table), s.table(s.mul(s.sub(after, before), s.splat(0.5)))]
 }
 
-#[inline(always)]
-fn quadratic<S: Lanes>(s: S, table: &[S::F; 3], at: S::I, u: S::F) -> S::F {
-    let slope = s.mul_add(s.permute(table[2], at), u, s.permute(table[1], at));
-    s.mul_add(slope, u, s.permute(table[0], at))
+/// Table entries of a layer's voxels: the nearest entry, how far beyond it, and where either half of the lanes starts. With
+/// `NEAR`, either half has its voxels within eight entries from there on.
+struct Places<S: Lanes, const NEAR: bool> {
+    at: S::I,
+    u: S::F,
+    starts: [i32; 2],
 }
 
-#[inline(always)]
-fn line<S: Lanes>(s: S, table: &[S::F; 2], at: S::I, u: S::F) -> S::F {
-    s.mul_add(s.permute(table[1], at), u, s.permute(table[0], at))
+impl<S: Lanes, const NEAR: bool> Places<S, NEAR> {
+    #[inline(always)]
+    fn look_up(&self, s: S, table: &S::Table) -> S::F {
+        if NEAR { s.permute_near(table, self.starts, self.at) } else { s.permute(s.entries(table), self.at) }
+    }
+
+    #[inline(always)]
+    fn quadratic(&self, s: S, table: &[S::Table; 3]) -> S::F {
+        let slope = s.mul_add(self.look_up(s, &table[2]), self.u, self.look_up(s, &table[1]));
+        s.mul_add(slope, self.u, self.look_up(s, &table[0]))
+    }
+
+    #[inline(always)]
+    fn line(&self, s: S, table: &[S::Table; 2]) -> S::F {
+        s.mul_add(self.look_up(s, &table[1]), self.u, self.look_up(s, &table[0]))
+    }
+}
+
+/// Layers whose halves are examined at once.
+const LAYERS_AT_ONCE: usize = LANES / 2;
+
+/// Middles of the halves of eight layers relative to the box's middle, metres: lane l is half l mod 2 of layer l / 2.
+#[derive(Debug, Clone, Copy)]
+struct Halves([[f32; LANES]; 3]);
+
+impl Halves {
+    const UNUSED: Self = Self([[0.0; LANES]; 3]);
+
+    #[inline(always)]
+    fn of(layers_m: &[[f32; 3]], voxel_m: f32) -> Self {
+        let mut middles = [[0.0; LANES]; 3];
+        for (l, corner) in layers_m.iter().enumerate() {
+            for (half, y) in [0.5, 2.5].into_iter().enumerate() {
+                let at = [corner[0] + 1.5 * voxel_m, corner[1] + y * voxel_m, corner[2]];
+                for (axis, middles) in middles.iter_mut().enumerate() {
+                    middles[2 * l + half] = at[axis];
+                }
+            }
+        }
+        Self(middles)
+    }
+
+    /// The entry at which the window of each half starts, and the halves whose voxels lie within the eight entries from there on.
+    /// A distance over a plane is convex: it lies between that on its tangent, and that plus the square of the distance from
+    /// where it touches over twice the distance.
+    #[inline(always)]
+    fn starts<S: Lanes>(&self, s: S, leaf: &LeafSight, voxel_m: f32) -> ([i32; LANES], u16) {
+        let [x, y, z] = load3(s, &self.0);
+        let from = [s.add(x, s.splat(leaf.away[0])), s.add(y, s.splat(leaf.away[1])), s.add(z, s.splat(leaf.away[2]))];
+        let distance = s.max(s.sqrt(simd::dot(s, from, from)), s.splat(1e-6));
+        let per_m = s.div(s.splat(voxel_m * leaf.entries_per_m), distance);
+        let across = s.mul_add(s.abs(from[0]), s.splat(1.5), s.mul(s.abs(from[1]), s.splat(0.5)));
+        let reach = s.mul_add(across, per_m, s.splat(ROUNDING_ENTRIES));
+        let bend = s.mul(per_m, s.splat(1.25 * voxel_m));
+        let middle = s.mul_add(distance, s.splat(leaf.entries_per_m), s.splat(leaf.entry_at_zero));
+        let (first, bits) = s.rounded(s.sub(middle, reach));
+        let (last, _) = s.rounded(s.add(middle, s.add(reach, bend)));
+        let starts = s.store_int(s.sub_int(bits, s.splat_int(ROUNDER.to_bits() as i32)));
+        (starts, s.mask_bits(s.at_most(s.sub(last, first), s.splat(7.0))))
+    }
+}
+
+/// Upper bound of the rounding error of an entry: 1e-6 of sixteen.
+const ROUNDING_ENTRIES: f32 = 1e-4;
+
+/// What a leaf's voxels share.
+struct LeafSight {
+    /// From the leaf's middle, when the box's middle was sampled, to the box's middle, metres.
+    away: [f32; 3],
+    along: [f32; 3],
+    middle_m: f32,
+    /// Table entry = distance · entries_per_m + entry_at_zero.
+    entries_per_m: f32,
+    entry_at_zero: f32,
+    half_turns_per_m: f32,
+    middle_cosine: f32,
+    share: f32,
+}
+
+impl LeafSight {
+    #[inline(always)]
+    fn new(block: &Subaperture, voxels: &VoxelBox, run: &Leaf) -> Self {
+        let resting = minus(voxels.middle_m, run.position_m);
+        let time_s = dot(resting, resting).sqrt() * block.point_time.s_per_m + block.point_time.at_zero_s;
+        let [vx, vy, vz] = run.velocity_m_per_s;
+        let away = minus(resting, [vx * time_s, vy * time_s, vz * time_s]);
+        let middle2 = dot(away, away);
+        let middle_m = middle2.sqrt().max(1e-6);
+        // Points beyond the middle are sampled later, when the sensor has moved on.
+        let lag = 1.0 - dot(away, run.velocity_m_per_s) / middle_m * block.point_time.s_per_m;
+        let entries_per_m = lag / block.rows.box_step_m;
+        Self {
+            away,
+            along: run.along,
+            middle_m,
+            entries_per_m,
+            entry_at_zero: MIDDLE - middle_m * entries_per_m,
+            half_turns_per_m: HALF_TURNS_PER_M * lag,
+            middle_cosine: dot(run.along, away) / middle_m,
+            share: run.share(),
+        }
+    }
 }
 
 #[inline(always)]
@@ -412,65 +519,88 @@ fn add_leaf<S: Lanes, const ORDER: usize>(
     s: S,
     block: &Subaperture,
     voxels: &VoxelBox,
+    halves: &[Halves],
     run: &Leaf,
     tables: &Tables<S>,
     sums: &mut [Sums],
 ) {
-    // From the leaf's middle, when the box's middle was sampled, to the box's middle.
-    let resting = minus(voxels.middle_m, run.position_m);
-    let time_s = dot(resting, resting).sqrt() * block.point_time.s_per_m + block.point_time.at_zero_s;
-    let [vx, vy, vz] = run.velocity_m_per_s;
-    let away = minus(resting, [vx * time_s, vy * time_s, vz * time_s]);
-    let middle2 = dot(away, away);
-    let middle_m = middle2.sqrt().max(1e-6);
-    // Points beyond the middle are sampled later, when the sensor has moved on.
-    let lag = 1.0 - dot(away, run.velocity_m_per_s) / middle_m * block.point_time.s_per_m;
-    let entries_per_m = lag / block.rows.box_step_m;
-    let entry_at_zero = MIDDLE - middle_m * entries_per_m;
-    let half_turns_per_m = HALF_TURNS_PER_M * lag;
-    let along_middle_m = dot(run.along, away);
-    let middle_cosine = s.splat(along_middle_m / middle_m);
-    let share = s.splat(run.share());
-
+    let leaf = LeafSight::new(block, voxels, run);
     let voxel_m = s.splat(voxels.voxel_m);
-    let (column, row) = (s.mul(s.load(&COLUMN), voxel_m), s.mul(s.load(&ROW), voxel_m));
-    let distance2_in_layer = s.add(s.mul(column, column), s.mul(row, row));
-    for (corner, sums) in voxels.layers_m.iter().zip(sums) {
-        // |away + corner + in-layer|², split into lane 0's part and the rest.
-        let from = [away[0] + corner[0], away[1] + corner[1], away[2] + corner[2]];
-        let cross = s.mul_add(column, s.splat(2.0 * from[0]), s.mul(row, s.splat(2.0 * from[1])));
-        let distance = s.sqrt(s.add(s.add(distance2_in_layer, cross), s.splat(dot(from, from))));
-        let entry = s.mul_add(distance, s.splat(entries_per_m), s.splat(entry_at_zero));
-        let (whole, at) = s.rounded(entry);
-        let u = s.sub(entry, whole);
-        let (mut re, mut im) = (quadratic(s, &tables.re, at, u), quadratic(s, &tables.im, at, u));
-        let coherent = s.mul_add(re, re, s.mul(im, im));
-        let energy = s.mul_add(coherent, share, quadratic(s, &tables.incoherent, at, u));
-        if ORDER >= 1 {
-            let along = s.mul_add(column, s.splat(run.along[0]), s.mul(row, s.splat(run.along[1])));
-            let cosine = s.div(s.add(along, s.splat(dot(run.along, from))), distance);
-            let x = s.sub(cosine, middle_cosine);
-            let (mut slope_re, mut slope_im) = (line(s, &tables.first[0], at, u), line(s, &tables.first[1], at, u));
-            if ORDER >= 2 {
-                slope_re = s.mul_add(line(s, &tables.second[0], at, u), x, slope_re);
-                slope_im = s.mul_add(line(s, &tables.second[1], at, u), x, slope_im);
+    let in_layer = InLayer::new(s, voxel_m);
+    let parts = voxels.layers_m.chunks(LAYERS_AT_ONCE).zip(sums.chunks_mut(LAYERS_AT_ONCE));
+    for ((layers_m, sums), halves) in parts.zip(halves) {
+        let (starts, near) = if S::HAS_HALVES { halves.starts(s, &leaf, voxels.voxel_m) } else { ([0; LANES], 0) };
+        for (l, (corner, sums)) in layers_m.iter().zip(sums).enumerate() {
+            if S::HAS_HALVES && near >> (2 * l) & 3 == 3 {
+                let starts = [starts[2 * l], starts[2 * l + 1]];
+                add_layer::<S, ORDER, true>(s, &leaf, &in_layer, corner, starts, tables, sums);
+            } else {
+                add_layer::<S, ORDER, false>(s, &leaf, &in_layer, corner, [0; 2], tables, sums);
             }
-            re = s.mul_add(slope_re, x, re);
-            im = s.mul_add(slope_im, x, im);
         }
-        let half_turns = s.mul(s.sub(distance, s.splat(middle_m)), s.splat(half_turns_per_m));
-        let (cos, sin) = s.cos_sin_of_half_turns(half_turns);
-        let [sum_re, sum_im, sum_energy] = sums;
-        *sum_re = s.store(s.mul_add(re, cos, s.mul_add(im, sin, s.load(sum_re))));
-        *sum_im = s.store(s.mul_add(im, cos, s.neg_mul_add(re, sin, s.load(sum_im))));
-        *sum_energy = s.store(s.add(energy, s.load(sum_energy)));
     }
+}
+
+/// Voxels of a layer relative to lane 0.
+struct InLayer<S: Lanes> {
+    column: S::F,
+    row: S::F,
+    distance2: S::F,
+}
+
+impl<S: Lanes> InLayer<S> {
+    #[inline(always)]
+    fn new(s: S, voxel_m: S::F) -> Self {
+        let (column, row) = (s.mul(s.load(&COLUMN), voxel_m), s.mul(s.load(&ROW), voxel_m));
+        Self { column, row, distance2: s.add(s.mul(column, column), s.mul(row, row)) }
+    }
+}
+
+#[inline(always)]
+fn add_layer<S: Lanes, const ORDER: usize, const NEAR: bool>(
+    s: S,
+    leaf: &LeafSight,
+    in_layer: &InLayer<S>,
+    corner: &[f32; 3],
+    starts: [i32; 2],
+    tables: &Tables<S>,
+    sums: &mut Sums,
+) {
+    let (away, &InLayer { column, row, distance2 }) = (leaf.away, in_layer);
+    // |away + corner + in-layer|², split into lane 0's part and the rest.
+    let from = [away[0] + corner[0], away[1] + corner[1], away[2] + corner[2]];
+    let cross = s.mul_add(column, s.splat(2.0 * from[0]), s.mul(row, s.splat(2.0 * from[1])));
+    let distance = s.sqrt(s.add(s.add(distance2, cross), s.splat(dot(from, from))));
+    let entry = s.mul_add(distance, s.splat(leaf.entries_per_m), s.splat(leaf.entry_at_zero));
+    let (whole, at) = s.rounded(entry);
+    let places = Places::<S, NEAR> { at, u: s.sub(entry, whole), starts };
+    let (mut re, mut im) = (places.quadratic(s, &tables.re), places.quadratic(s, &tables.im));
+    let coherent = s.mul_add(re, re, s.mul(im, im));
+    let energy = s.mul_add(coherent, s.splat(leaf.share), places.quadratic(s, &tables.incoherent));
+    if ORDER >= 1 {
+        let along = s.mul_add(column, s.splat(leaf.along[0]), s.mul(row, s.splat(leaf.along[1])));
+        let cosine = s.div(s.add(along, s.splat(dot(leaf.along, from))), distance);
+        let x = s.sub(cosine, s.splat(leaf.middle_cosine));
+        let (mut slope_re, mut slope_im) = (places.line(s, &tables.first[0]), places.line(s, &tables.first[1]));
+        if ORDER >= 2 {
+            slope_re = s.mul_add(places.line(s, &tables.second[0]), x, slope_re);
+            slope_im = s.mul_add(places.line(s, &tables.second[1]), x, slope_im);
+        }
+        re = s.mul_add(slope_re, x, re);
+        im = s.mul_add(slope_im, x, im);
+    }
+    let half_turns = s.mul(s.sub(distance, s.splat(leaf.middle_m)), s.splat(leaf.half_turns_per_m));
+    let (cos, sin) = s.cos_sin_of_half_turns(half_turns);
+    let [sum_re, sum_im, sum_energy] = sums;
+    *sum_re = s.store(s.mul_add(re, cos, s.mul_add(im, sin, s.load(sum_re))));
+    *sum_im = s.store(s.mul_add(im, cos, s.neg_mul_add(re, sin, s.load(sum_im))));
+    *sum_energy = s.store(s.add(energy, s.load(sum_energy)));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simd::Portable;
+    use crate::simd::{Portable, on_each};
     use crate::subaperture::{MEAN_LOG_OF_NOISE, SubapertureBuilder, SubapertureSettings};
     use crate::test_data::{Echo, sweeps, winding};
     use crate::{Beam, Observation};
@@ -589,18 +719,67 @@ mod tests {
         }
     }
 
+    #[derive(Clone)]
+    struct Trial<'a> {
+        block: &'a Subaperture,
+        voxels: &'a VoxelBox<'a>,
+    }
+
+    impl Kernel for Trial<'_> {
+        type Out = Vec<[[i32; LANES]; 3]>;
+
+        #[inline(always)]
+        fn run<S: Lanes>(self, s: S) -> Self::Out {
+            let Self { block, voxels } = self;
+            let mut sums = vec![[[0.0; LANES]; 3]; voxels.layers_m.len()];
+            SumInBox { block, voxels, scratch: &mut Scratch::default(), sums: &mut sums }.run(s);
+            sums.iter().map(|sums| sums.map(|lanes| lanes.map(|value| value.to_bits() as i32))).collect()
+        }
+    }
+
     #[test]
     fn every_instruction_set_gives_the_same_bits() {
         let block = block(&sweeps(0.089, |t| winding(2.0 * t), &[(Echo::Point(AT), 2.0)], 8));
-        let (layers_m, radius_m) = cube(0.05);
-        for middle_m in middles().chain([[0.0; 3], [0.01, 0.0, -0.1]]) {
-            let voxels = VoxelBox { middle_m, voxel_m: 0.05, radius_m, layers_m: &layers_m };
-            let (mut dispatched, mut portable) = ([[[0.0; LANES]; 3]; 4], [[[0.0; LANES]; 3]; 4]);
-            block.sums_in_box(&voxels, &mut Scratch::default(), &mut dispatched);
-            let (scratch, sums) = (&mut Scratch::default(), &mut portable[..]);
-            SumInBox { block: &block, voxels: &voxels, scratch, sums }.run(Portable);
-            let bits = |sums: [Sums; 4]| sums.map(|of| of.map(|lanes| lanes.map(f32::to_bits)));
-            assert_eq!(bits(dispatched), bits(portable));
+        for voxel_m in [0.065, 0.05, 0.01] {
+            let (mut layers_m, radius_m) = cube(voxel_m);
+            // More layers than are examined at once.
+            layers_m.extend(layers_m.clone());
+            layers_m.extend_from_within(..3);
+            for middle_m in middles().chain([[0.0; 3], [0.01, 0.0, -0.1]]) {
+                let voxels = VoxelBox { middle_m, voxel_m, radius_m, layers_m: &layers_m };
+                let all = on_each(&Trial { block: &block, voxels: &voxels });
+                assert!(all.iter().all(|one| *one == all[0]));
+            }
         }
+    }
+
+    #[test]
+    fn halves_of_layers_need_eight_entries_or_are_known_to_need_more() {
+        let s = Portable;
+        let block = block(&sweeps(0.089, |t| winding(2.0 * t), &[], 8));
+        let (mut near_halves, mut all_halves) = (0, 0);
+        for voxel_m in [0.065, 0.03] {
+            let (layers_m, radius_m) = cube(voxel_m);
+            for middle_m in middles().chain([[0.01, 0.0, -0.1], [0.1, 0.02, 0.0]]) {
+                let voxels = VoxelBox { middle_m, voxel_m, radius_m, layers_m: &layers_m };
+                let leaf = LeafSight::new(&block, &voxels, &block.partition(0.01).runs[0]);
+                let (starts, near) = Halves::of(&layers_m, voxel_m).starts(s, &leaf, voxel_m);
+                for (half, start) in starts[..2 * layers_m.len()].iter().enumerate() {
+                    let from = |axis: usize| leaf.away[axis] + layers_m[half / 2][axis];
+                    let entry = |l: usize| {
+                        let (x, y) = (from(0) + COLUMN[l] * voxel_m, from(1) + ROW[l] * voxel_m);
+                        (x * x + y * y + from(2) * from(2)).sqrt() * leaf.entries_per_m + leaf.entry_at_zero
+                    };
+                    let entries = (half % 2 * 8..half % 2 * 8 + 8).map(|l| entry(l).round() as i32);
+                    let is_near = entries.clone().all(|at| (*start..start + 8).contains(&at));
+                    all_halves += 1;
+                    if near >> half & 1 == 1 {
+                        near_halves += 1;
+                        assert!(is_near, "{start}: {:?}", entries.collect::<Vec<_>>());
+                    }
+                }
+            }
+        }
+        assert!(near_halves * 2 > all_halves && near_halves < all_halves, "{near_halves} of {all_halves}");
     }
 }
