@@ -227,8 +227,9 @@ pub(super) struct Offsets<S: Lanes> {
     pub x: S::F,
     pub y: S::F,
     pub z: [S::F; EDGE],
-    /// |δ|² of each layer.
+    /// |δ|² of each layer, and without its z.
     pub squared: [S::F; EDGE],
+    pub flat_squared: S::F,
 }
 
 impl<S: Lanes> Offsets<S> {
@@ -241,7 +242,7 @@ impl<S: Lanes> Offsets<S> {
         }
         let (x, y) = (s.load(&x), s.load(&y));
         let flat = s.mul_add(x, x, s.mul(y, y));
-        let mut offsets = Self { x, y, z: [flat; EDGE], squared: [flat; EDGE] };
+        let mut offsets = Self { x, y, z: [flat; EDGE], squared: [flat; EDGE], flat_squared: flat };
         for (layer, height) in along.into_iter().enumerate() {
             let z = s.splat(height);
             offsets.z[layer] = z;

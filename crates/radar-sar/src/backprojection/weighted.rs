@@ -16,7 +16,7 @@ use super::power::{AtEdge, Edges, Exact, extent, from_sensor, fully_visible, rea
 use super::sweep_stack::{Group, HALF_WINDOW, SweepStack, TABLE_STEP_M, WIDE_WINDOW, WINDOW};
 use crate::Statistic;
 use crate::WAVELENGTH_M;
-use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest, scale3, sub3};
+use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest, scale3, store3, sub3};
 
 /// Greatest error of a distance, metres. Choice: 1 % of a radian of phase.
 const DISTANCE_ERROR_M: f64 = 4e-6;
@@ -39,9 +39,9 @@ pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
     BrickShape::new(voxel_m, DISTANCE_ERROR_M)
 }
 
-/// The same for separate voxels: by the beam's polynomial where it has one.
+/// The amplitude of the beam at a cosine: by its polynomial where it has one.
 #[inline(always)]
-fn edge_amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
+fn amplitude_at<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
     let Some(polynomial) = &beam.polynomial else { return amplitude(s, beam, cos) };
     let t = s.mul_add(cos, s.splat(polynomial.per_cos), s.splat(polynomial.at_zero));
     let mut sum = s.splat(0.0);
@@ -183,7 +183,8 @@ impl AddWeighted<'_> {
         let [gx, gy, _] = lane3(s, &beam.gradient_per_m, l);
         let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
         let flat_g = s.mul_add(offsets.x, gx, s.mul(offsets.y, gy));
-        let ray = Ray { sight, beam, phase, l, windows, flat, flat_g };
+        let amplitude = Amplitudes::of(s, beam, l, offsets, [flat, flat_g]);
+        let ray = Ray { sight, beam, phase, l, windows, flat, amplitude };
         // Written four times, so that the sums have names and stay in registers.
         let Gathered { re, im } = gathered;
         (re[0], im[0]) = ray.add::<PLANES>(s, offsets, 0, re[0], im[0]);
@@ -207,26 +208,28 @@ impl AddWeighted<'_> {
     ) {
         let (slot, sweeps) = (group * LANES + l, &self.stack.groups[group]);
         let center = s.splat(sight.distance_m[l]);
-        let center_parts = s.splat(phase.center_parts[l]);
+        let center_half_turns = s.splat(phase.center_half_turns[l]);
         let zero = s.splat(0.0);
         let edges = Edges::new(s, self.stack, group, sight, l, offsets, self.shape.heights());
         // First all table positions, then the values, so that lookups do not wait for each other.
         let mut places = [(s.splat_int(0), zero); EDGE];
-        let mut seens = [LayerVisibility::<S> { counts: s.mask(0), amplitude: zero, parts: zero }; EDGE];
+        let mut seens = [LayerVisibility::<S> { counts: s.mask(0), amplitude: zero, half_turns: zero }; EDGE];
         for (layer, (place, of_layer)) in places.iter_mut().zip(&mut seens).enumerate() {
             let seen = edges.layer(s, offsets, layer);
             let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
             let whole = s.floor(at);
             *place = (s.to_int(s.or_zero(seen.counts, whole)), s.sub(at, whole));
-            let parts = s.mul_add(s.sub(seen.distance, center), s.splat(PARTS_PER_M as f32), center_parts);
+            let half_turns =
+                s.mul_add(s.sub(seen.distance, center), s.splat(HALF_TURNS_PER_M as f32), center_half_turns);
             let amplitude = self.edge_amplitude(s, &seen);
-            *of_layer = LayerVisibility { counts: seen.counts, amplitude, parts: s.or_zero(seen.counts, parts) };
+            let half_turns = s.or_zero(seen.counts, half_turns);
+            *of_layer = LayerVisibility { counts: seen.counts, amplitude, half_turns };
         }
         let mut planes = [[zero; EDGE]; PLANES];
         for (plane, values) in planes.iter_mut().enumerate() {
             *values = read(s, &self.stack.table(slot, plane)[..self.stack.stride], sight, l, &places);
         }
-        for (layer, LayerVisibility { counts, amplitude, parts }) in seens.into_iter().enumerate() {
+        for (layer, LayerVisibility { counts, amplitude, half_turns }) in seens.into_iter().enumerate() {
             // Voxels that do not count may be NaN; this must not reach the sums.
             for values in &mut planes {
                 values[layer] = s.or_zero(counts, values[layer]);
@@ -234,7 +237,7 @@ impl AddWeighted<'_> {
             if PLANES == 3 {
                 let sums = [gathered.re[layer], gathered.im[layer]];
                 (gathered.re[layer], gathered.im[layer]) =
-                    add_turned(s, [planes[0][layer], planes[1][layer]], amplitude, parts, sums);
+                    add_turned(s, [planes[0][layer], planes[1][layer]], amplitude, half_turns, sums);
             } else {
                 gathered.re[layer] = s.mul_add(planes[0][layer], amplitude, gathered.re[layer]);
             }
@@ -250,7 +253,7 @@ impl AddWeighted<'_> {
         if self.stack.beam.uniform {
             return s.or_zero(seen.counts, s.splat(1.0));
         }
-        s.or_zero(seen.counts, edge_amplitude(s, &self.stack.beam, seen.cos(s)))
+        s.or_zero(seen.counts, amplitude_at(s, &self.stack.beam, seen.cos(s)))
     }
 
     /// `thesis`, separate voxels: |x| of the nearest point, exact D and A.
@@ -375,8 +378,8 @@ impl AddWeighted<'_> {
 struct LayerVisibility<S: Lanes> {
     counts: S::M,
     amplitude: S::F,
-    /// Phase, in parts.
-    parts: S::F,
+    /// Phase, in half turns.
+    half_turns: S::F,
 }
 
 /// One sweep that sees the whole brick.
@@ -387,10 +390,37 @@ struct Ray<'a, S: Lanes, const N: usize> {
     l: usize,
     /// Values and slopes of the table, for each part.
     windows: [(&'a [f32; N], &'a [f32; N]); 2],
-    /// For the layer through the centre: component along the line of sight, and g, on which the
-    /// cosine depends.
+    /// Component along the line of sight for the layer through the centre.
     flat: S::F,
-    flat_g: S::F,
+    amplitude: Amplitudes<S>,
+}
+
+/// A over the brick as a polynomial in the layer's height: for each lane what two layers of equal distance from the centre
+/// have in common, outer and inner ones, and the slope.
+struct Amplitudes<S: Lanes> {
+    even: [S::F; 2],
+    slope: S::F,
+}
+
+impl<S: Lanes> Amplitudes<S> {
+    /// `flat`, `flat_g`: component along the line of sight, and g, for the layer through the centre.
+    #[inline(always)]
+    fn of(s: S, beam: &BeamExpansion, l: usize, offsets: &Offsets<S>, [flat, flat_g]: [S::F; 2]) -> Self {
+        let [a0, a1, a2] = lane3(s, &beam.terms, l);
+        let of_g = s.mul_add(flat_g, a2, s.mul_add(flat, s.splat(beam.along_per_m[l]), a1));
+        let across = s.neg_mul_add(flat, flat, offsets.flat_squared);
+        let middle = s.mul_add(flat_g, of_g, s.mul_add(across, s.splat(beam.across_per_m2[l]), a0));
+        let [slope, slope_g, slope_along] = lane3(s, &beam.slope, l);
+        Self {
+            even: [s.add(middle, s.splat(beam.bend[0][l])), s.add(middle, s.splat(beam.bend[1][l]))],
+            slope: s.mul_add(flat_g, slope_g, s.mul_add(flat, slope_along, slope)),
+        }
+    }
+
+    #[inline(always)]
+    fn in_layer(&self, s: S, offsets: &Offsets<S>, layer: usize) -> S::F {
+        s.mul_add(self.slope, offsets.z[layer], self.even[usize::from(layer == 1 || layer == 2)])
+    }
 }
 
 impl<S: Lanes, const N: usize> Ray<'_, S, N> {
@@ -405,11 +435,7 @@ impl<S: Lanes, const N: usize> Ray<'_, S, N> {
         let at = s.mul_add(deviation, s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
         let whole = s.floor(at);
         let (n, rest) = (s.to_int(whole), s.sub(at, whole));
-        let g = s.add(self.flat_g, s.splat(beam.up_g[layer][l]));
-        let slope = s.mul_add(q, s.splat(beam.along_per_m[l]), s.splat(beam.terms[1][l]));
-        let slope = s.mul_add(g, s.splat(beam.terms[2][l]), slope);
-        let amplitude = s.mul_add(across, s.splat(beam.across_per_m2[l]), s.splat(beam.terms[0][l]));
-        let amplitude = s.mul_add(g, slope, amplitude);
+        let amplitude = self.amplitude.in_layer(s, offsets, layer);
         let (values, slopes) = self.windows[0];
         let real = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
         if PLANES < 3 {
@@ -417,82 +443,51 @@ impl<S: Lanes, const N: usize> Ray<'_, S, N> {
         }
         let (values, slopes) = self.windows[1];
         let imaginary = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
-        let parts = s.mul_add(deviation, s.splat(phase.parts_per_m[l]), s.splat(phase.center_parts[l]));
-        add_turned(s, [real, imaginary], amplitude, parts, [re, im])
+        let half_turns = s.mul_add(deviation, s.splat(phase.half_turns_per_m[l]), s.splat(phase.center_half_turns[l]));
+        add_turned(s, [real, imaginary], amplitude, half_turns, [re, im])
     }
 }
 
-/// Phases are counted in this many parts of a turn. Choice: a multiple of four, small enough for a
-/// table in registers, and so fine that a short polynomial covers a part.
-const PARTS: usize = 64;
-/// Parts of phase per metre of distance (two-way), and what f32 cannot represent of it.
-const PARTS_PER_M: f64 = 2.0 * PARTS as f64 / WAVELENGTH_M;
-const PARTS_PER_M_REST: f32 = (PARTS_PER_M - PARTS_PER_M as f32 as f64) as f32;
-/// Radians of a part.
-const PART_RAD: f32 = std::f32::consts::TAU / PARTS as f32;
-/// Sine of each part of three quarters of a turn.
-const SINES: [f32; PARTS / 4 * 3] = sines();
-
-const fn sines() -> [f32; PARTS / 4 * 3] {
-    let mut sines = [0.0; PARTS / 4 * 3];
-    let mut n = 0;
-    while n < sines.len() {
-        // By its series: 1e-12 at three quarters of a turn.
-        let x = std::f64::consts::TAU * n as f64 / PARTS as f64;
-        let (mut term, mut sum, mut k) = (x, x, 1.0);
-        while k < 40.0 {
-            term *= -x * x / ((k + 1.0) * (k + 2.0));
-            sum += term;
-            k += 2.0;
-        }
-        sines[n] = sum as f32;
-        n += 1;
-    }
-    sines
-}
+/// Half turns of phase per metre of distance (two-way), and what f32 cannot represent of it.
+const HALF_TURNS_PER_M: f64 = 4.0 / WAVELENGTH_M;
+const HALF_TURNS_PER_M_REST: f32 = (HALF_TURNS_PER_M - HALF_TURNS_PER_M as f32 as f64) as f32;
 
 /// Phases at a brick's centre, for each of sixteen sweeps.
 struct Phase {
-    /// In parts, without whole turns.
-    center_parts: [f32; LANES],
-    parts_per_m: [f32; LANES],
+    /// In half turns, without whole turns.
+    center_half_turns: [f32; LANES],
+    half_turns_per_m: [f32; LANES],
 }
 
 impl Phase {
     #[inline(always)]
     fn new<S: Lanes>(s: S, sight: &Sight) -> Self {
-        let (distance, per_m) = (s.load(&sight.distance_m), s.splat(PARTS_PER_M as f32));
-        let parts = s.mul(distance, per_m);
+        let (distance, per_m) = (s.load(&sight.distance_m), s.splat(HALF_TURNS_PER_M as f32));
+        let half_turns = s.mul(distance, per_m);
         // Rounding error of the product: d·k − rounded(d·k) is exact in one operation.
-        let lost = s.sub(s.splat(0.0), s.neg_mul_add(distance, per_m, parts));
-        let lost = s.mul_add(distance, s.splat(PARTS_PER_M_REST), lost);
-        let turns = s.mul(s.floor(s.mul(parts, s.splat(1.0 / PARTS as f32))), s.splat(PARTS as f32));
+        let lost = s.sub(s.splat(0.0), s.neg_mul_add(distance, per_m, half_turns));
+        let lost = s.mul_add(distance, s.splat(HALF_TURNS_PER_M_REST), lost);
+        let whole = s.mul(s.floor(s.mul(half_turns, s.splat(0.5))), s.splat(2.0));
         Self {
-            center_parts: s.store(s.add(s.sub(parts, turns), lost)),
-            parts_per_m: s.store(s.mul(s.load(&sight.stretch), per_m)),
+            center_half_turns: s.store(s.add(s.sub(half_turns, whole), lost)),
+            half_turns_per_m: s.store(s.mul(s.load(&sight.stretch), per_m)),
         }
     }
 }
 
-/// Adds A·(re + j·im)·e^(−jφ) to a sum; φ in parts. The nearest whole part comes from a table in
-/// registers; the remainder, at most 0.05 rad, is applied to first order. Accurate to 1e-3 of the
-/// amplitude and 5e-5 rad.
+/// Adds A·(re + j·im)·e^(−jφ) to a sum; φ in half turns. Accurate to 1e-4 of the amplitude.
+///
+/// Polynomials, since tables in registers are slower with AVX2: two lookups among 32 entries take as
+/// many instructions as the rest of a voxel.
 #[inline(always)]
-fn add_turned<S: Lanes>(s: S, [re, im]: [S::F; 2], amplitude: S::F, parts: S::F, sums: [S::F; 2]) -> (S::F, S::F) {
-    let (Some(sines), Some(cosines)) = (SINES.first_chunk::<{ PARTS / 2 }>(), SINES.last_chunk::<{ PARTS / 2 }>())
-    else {
-        return (sums[0], sums[1]);
-    };
-    let n = s.to_int(parts);
-    let rest = s.mul(s.sub(parts, s.to_float(n)), s.splat(PART_RAD));
-    let (cos, sin) = (s.look_up(cosines, n), s.look_up(sines, n));
-    // The tables hold half a turn; the other half has the opposite sign.
-    let amplitude = s.negate_where::<5>(amplitude, n);
-    let a = s.mul_add(im, sin, s.mul(re, cos));
-    let b = s.neg_mul_add(re, sin, s.mul(im, cos));
-    let sum_re = s.mul_add(amplitude, s.mul_add(b, rest, a), sums[0]);
-    let sum_im = s.mul_add(amplitude, s.neg_mul_add(a, rest, b), sums[1]);
-    (sum_re, sum_im)
+fn add_turned<S: Lanes>(s: S, [re, im]: [S::F; 2], amplitude: S::F, half_turns: S::F, sums: [S::F; 2]) -> (S::F, S::F) {
+    let (whole, bits) = s.rounded(half_turns);
+    let (cos, sin) = s.cos_sin_within_half_turn(s.sub(half_turns, whole));
+    // An odd half turn changes both signs.
+    let amplitude = s.negate_where::<0>(amplitude, bits);
+    let turned_re = s.mul_add(im, sin, s.mul(re, cos));
+    let turned_im = s.neg_mul_add(re, sin, s.mul(im, cos));
+    (s.mul_add(amplitude, turned_re, sums[0]), s.mul_add(amplitude, turned_im, sums[1]))
 }
 
 /// The statistic from its sums.
@@ -514,9 +509,12 @@ struct BeamExpansion {
     terms: [[f32; LANES]; 3],
     /// (b − cos·u)/d: the gradient of g.
     gradient_per_m: [[f32; LANES]; 3],
-    /// Contribution of each layer to q and to g.
+    /// Contribution of each layer to q.
     up: [[f32; LANES]; EDGE],
-    up_g: [[f32; LANES]; EDGE],
+    /// Slope of A along z: at the centre, and what it grows by with g and with q.
+    slope: [[f32; LANES]; 3],
+    /// Part of A of second order in z, in the outer and the inner layers.
+    bend: [[f32; LANES]; 2],
     /// −a1/d and −a1·cos/2d².
     along_per_m: [f32; LANES],
     across_per_m2: [f32; LANES],
@@ -530,7 +528,8 @@ impl BeamExpansion {
         terms: [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
         gradient_per_m: [[0.0; LANES]; 3],
         up: [[0.0; LANES]; EDGE],
-        up_g: [[0.0; LANES]; EDGE],
+        slope: [[0.0; LANES]; 3],
+        bend: [[0.0; LANES]; 2],
         along_per_m: [0.0; LANES],
         across_per_m2: [0.0; LANES],
         good: u16::MAX,
@@ -556,11 +555,22 @@ impl BeamExpansion {
         let gradient = scale3(s, sub3(s, load3(s, &sweeps.forward), scale3(s, toward, cos)), per_m);
         let along = s.mul(s.mul(a1, per_m), s.splat(-1.0));
         let across = s.mul(s.mul(along, s.mul(cos, per_m)), s.splat(0.5));
+        // With q and g linear in z: A's derivatives along z.
+        let (u, w) = (toward[2], gradient[2]);
+        let two = s.splat(2.0);
+        let slope = [
+            s.mul(a1, w),
+            s.mul_add(s.mul(a2, two), w, s.mul(along, u)),
+            s.neg_mul_add(s.mul(across, two), u, s.mul(along, w)),
+        ];
+        let bend = s.mul_add(s.mul_add(a2, w, s.mul(along, u)), w, s.mul(across, s.neg_mul_add(u, u, s.splat(1.0))));
+        let [outer, inner, ..] = heights;
         Self {
             terms: [s.store(a0), s.store(a1), s.store(a2)],
             gradient_per_m: [s.store(gradient[0]), s.store(gradient[1]), s.store(gradient[2])],
             up,
-            up_g: steps(s, gradient[2], heights),
+            slope: store3(s, slope),
+            bend: [s.store(s.mul(bend, s.splat(outer * outer))), s.store(s.mul(bend, s.splat(inner * inner)))],
             along_per_m: s.store(along),
             across_per_m2: s.store(across),
             good: s.mask_bits(good),
@@ -614,7 +624,7 @@ fn parabola<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, turn: S::F) -> ([S::F; 
 /// A at the given number of widths below the highest point.
 #[inline(always)]
 fn below<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, high: S::F, width: S::F, widths: f32) -> S::F {
-    amplitude(s, beam, s.add(cos, s.neg_mul_add(width, s.splat(widths), high)))
+    amplitude_at(s, beam, s.add(cos, s.neg_mul_add(width, s.splat(widths), high)))
 }
 
 /// Coefficients of 1, x, y, z, x², y², z², xy, xz, yz.
@@ -713,12 +723,12 @@ mod tests {
     #[test]
     fn phases_are_turned_back() {
         for n in -2000..2000 {
-            let (parts, s) = (n as f32 * 0.037, Portable);
+            let (half_turns, s) = (n as f32 * 0.00137, Portable);
             let z = [s.splat(0.3), s.splat(-0.4)];
-            let (re, im) = add_turned(s, z, s.splat(2.0), s.splat(parts), [s.splat(2.0), s.splat(3.0)]);
-            let (sin, cos) = (f64::from(parts) * std::f64::consts::TAU / PARTS as f64).sin_cos();
-            assert!((f64::from(re[0]) - 2.0 - (0.6 * cos - 0.8 * sin)).abs() < 1.3e-3);
-            assert!((f64::from(im[0]) - 3.0 - (-0.8 * cos - 0.6 * sin)).abs() < 1.3e-3);
+            let (re, im) = add_turned(s, z, s.splat(2.0), s.splat(half_turns), [s.splat(2.0), s.splat(3.0)]);
+            let (sin, cos) = (f64::from(half_turns) * std::f64::consts::PI).sin_cos();
+            assert!((f64::from(re[0]) - 2.0 - (0.6 * cos - 0.8 * sin)).abs() < 1.5e-4);
+            assert!((f64::from(im[0]) - 3.0 - (-0.8 * cos - 0.6 * sin)).abs() < 1.5e-4);
         }
     }
 }

@@ -149,14 +149,20 @@ pub(crate) trait Lanes: Copy {
     #[inline(always)]
     fn cos_sin_of_half_turns(self, a: Self::F) -> (Self::F, Self::F) {
         let (whole, bits) = self.rounded(a);
-        let x = self.sub(a, whole);
+        let (cos, sin) = self.cos_sin_within_half_turn(self.sub(a, whole));
+        (self.negate_where::<0>(cos, bits), self.negate_where::<0>(sin, bits))
+    }
+
+    /// cos and sin of π·x, to 1e-4; for values within ±½.
+    #[inline(always)]
+    fn cos_sin_within_half_turn(self, x: Self::F) -> (Self::F, Self::F) {
         let x2 = self.mul(x, x);
         let sin = self.mul_add(x2, self.splat(2.299_547_3), self.splat(-5.136_905));
         let sin = self.mul(self.mul_add(x2, sin, self.splat(3.140_64)), x);
         let cos = self.mul_add(x2, self.splat(-1.222_127_1), self.splat(4.041_283_8));
         let cos = self.mul_add(x2, cos, self.splat(-4.933_938));
         let cos = self.mul_add(x2, cos, self.splat(0.999_993_3));
-        (self.negate_where::<0>(cos, bits), self.negate_where::<0>(sin, bits))
+        (cos, sin)
     }
 }
 
