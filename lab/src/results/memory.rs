@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use a121::{Frame, preset};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use num_complex::Complex;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -58,10 +58,7 @@ enum Samples {
 }
 
 pub(super) fn page(extent: Extent) -> Result<Page> {
-    let program = std::env::current_exe()?.with_file_name("radar-chaperone");
-    if !program.is_file() {
-        bail!("{} is missing: build it with cargo build --release", program.display());
-    }
+    let program = super::program()?;
     let folder = std::env::temp_dir().join(format!("radar-chaperone-memory-{}", std::process::id()));
     std::fs::create_dir(&folder).with_context(|| folder.display().to_string())?;
     let table = measured(&program, &folder, extent);

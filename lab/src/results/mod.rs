@@ -13,9 +13,10 @@ mod scale;
 mod speed;
 mod surfaces;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use radar_simulation::RecordedSensor;
 
 pub use calibration::{jumping, wandering};
@@ -43,6 +44,19 @@ impl Extent {
             Self::Quick => quick,
         }
     }
+}
+
+/// The program, which is built beside this one.
+///
+/// # Errors
+/// It is missing.
+pub(crate) fn program() -> Result<PathBuf> {
+    let program =
+        std::env::current_exe()?.with_file_name("radar-chaperone").with_extension(std::env::consts::EXE_EXTENSION);
+    if !program.is_file() {
+        bail!("{} is missing: build it with cargo build --release", program.display());
+    }
+    Ok(program)
 }
 
 /// A result page that the lab can make.

@@ -1,10 +1,11 @@
 //! The page of processor time and latency.
 
 use std::process::Command;
+use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 
-use super::{Extent, Page, peers_table};
+use super::{Extent, Page, peers_table, program};
 use crate::experiments::{LiveLatency, PipelineCost};
 use radar_chaperone::report::Table;
 use radar_sar::{INSTRUCTIONS_VARIABLE, InstructionSet};
@@ -27,8 +28,17 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
         .heading("Dense backprojection beside plain C")
         .table(&peers_table(extent)?)
         .heading("The whole pipeline by instruction set")
-        .text("From frames and poses to the scene, on one thread, 10 s. `RADAR_CHAPERONE_INSTRUCTIONS` limits the set.")
-        .table(&by_instruction_set(extent, extent.choose(10.0, 2.0))?)
+        .text(
+            "From frames and poses to the scene, on one thread: over the first 10 s, in which every object and wall is new, \
+             and over the first 60 s. `RADAR_CHAPERONE_INSTRUCTIONS` limits the set.",
+        )
+        .table(&by_instruction_set(extent)?)
+        .heading("Replay of a recording")
+        .text(
+            "`radar-chaperone replay` of recordings of the furnished room, from its start to its end: by how many times the \
+             recording is longer, the best of three.",
+        )
+        .table(&replay(extent)?)
         .heading("The whole pipeline by motion")
         .text("At rest and along a straight line the data do not show the time offset and the mount.")
         .table(&by_motion(duration_s)?)
@@ -51,18 +61,30 @@ pub(super) fn page(extent: Extent) -> Result<Page> {
         ))
 }
 
-/// Shares of a core of the whole pipeline, one row per instruction set that this processor has. An
-/// instruction set is chosen once per process, so each is measured in a process of its own.
-fn by_instruction_set(extent: Extent, duration_s: f64) -> Result<Table> {
+/// Instruction sets that this processor has, the widest first; only that one if a short run is enough.
+fn instruction_sets(extent: Extent) -> impl Iterator<Item = InstructionSet> {
+    let sets: Vec<_> = InstructionSet::all_of_processor().collect();
+    sets.into_iter().rev().take(extent.choose(usize::MAX, 1))
+}
+
+/// Shares of a core of the whole pipeline, one row per instruction set. An instruction set is chosen
+/// once per process, so each is measured in a process of its own.
+fn by_instruction_set(extent: Extent) -> Result<Table> {
     let own = std::env::current_exe().context("cannot find this program's file")?;
+    let durations_s = extent.choose([10.0, 60.0], [2.0, 2.5]);
     let mut rows = Vec::new();
-    let mut sets: Vec<_> = InstructionSet::all_of_processor().collect();
-    sets.reverse();
-    for set in sets.into_iter().take(extent.choose(usize::MAX, 1)) {
+    for set in instruction_sets(extent) {
         let mut row = vec![set.to_string()];
-        for scene in SCENES {
+        for (scene, duration_s) in
+            SCENES.into_iter().flat_map(|scene| durations_s.map(|duration_s| (scene, duration_s)))
+        {
+            if set == InstructionSet::Portable && duration_s == durations_s[1] {
+                row.push("–".into());
+                continue;
+            }
             let done = Command::new(&own)
                 .env(INSTRUCTIONS_VARIABLE, set.name())
+                .env("RAYON_NUM_THREADS", "1")
                 .args(["results", "--whole-pipeline", scene, "--seconds", &duration_s.to_string()])
                 .output()
                 .with_context(|| format!("cannot run {}", own.display()))?;
@@ -71,8 +93,59 @@ fn by_instruction_set(extent: Extent, duration_s: f64) -> Result<Table> {
         }
         rows.push(row);
     }
-    let head = ["instruction set", "furnished room, % of a core", "empty room, % of a core"];
-    Ok(Table { head: head.map(str::to_owned).to_vec(), rows, caption: String::new() })
+    let of = |room: &str| durations_s.map(|duration_s| format!("{room} room, {duration_s} s, % of a core"));
+    let head = [vec!["instruction set".to_owned()], of("furnished").to_vec(), of("empty").to_vec()].concat();
+    Ok(Table { head, rows, caption: String::new() })
+}
+
+/// By how many times a recording is longer than its replay takes.
+fn replay(extent: Extent) -> Result<Table> {
+    let durations_s = extent.choose([60, 120], [2, 3]);
+    let cores = std::thread::available_parallelism()?.get();
+    let threads: Vec<usize> = [1, 2, 4].into_iter().filter(|threads| *threads <= cores).collect();
+    let mut table = Table { head: vec!["instruction set".to_owned(), "recording, s".to_owned()], ..Table::default() };
+    table.head.extend(threads.iter().map(|threads| format!("{threads} thread{}", if *threads > 1 { "s" } else { "" })));
+    let program = match program() {
+        Ok(program) => program,
+        // A short run shows that the page can be made; the tests build no program beside the lab.
+        Err(_) if extent == Extent::Quick => return Ok(table),
+        Err(error) => return Err(error),
+    };
+    let folder = std::env::temp_dir().join(format!("radar-chaperone-replay-{}", std::process::id()));
+    std::fs::create_dir(&folder).with_context(|| folder.display().to_string())?;
+    for duration_s in durations_s {
+        let file = folder.join(format!("{duration_s}.mcap"));
+        let simulate =
+            ["simulate", "furnished-room", "--seed", "500", "--duration-s", &duration_s.to_string(), "--out"];
+        run(Command::new(&program).args(simulate).arg(&file))?;
+        for set in instruction_sets(extent).filter(|set| *set != InstructionSet::Portable) {
+            let mut row = vec![set.to_string(), duration_s.to_string()];
+            for threads in &threads {
+                let mut least_s = f64::INFINITY;
+                for _ in 0..REPLAYS {
+                    let start = Instant::now();
+                    let mut replay = Command::new(&program);
+                    replay.env(INSTRUCTIONS_VARIABLE, set.name()).env("RAYON_NUM_THREADS", threads.to_string());
+                    run(replay.arg("replay").arg(&file))?;
+                    least_s = start.elapsed().as_secs_f64().min(least_s);
+                }
+                row.push(format!("{:.1}", f64::from(duration_s) / least_s));
+            }
+            table.rows.push(row);
+        }
+    }
+    std::fs::remove_dir_all(&folder)?;
+    Ok(table)
+}
+
+/// Replays of a recording, of which the fastest counts. Choice: two may both be disturbed.
+const REPLAYS: usize = 3;
+
+/// Runs a command to its end.
+fn run(command: &mut Command) -> Result<()> {
+    let done = command.output().with_context(|| format!("cannot run {command:?}"))?;
+    ensure!(done.status.success(), "{command:?}: {}", String::from_utf8_lossy(&done.stderr));
+    Ok(())
 }
 
 fn by_motion(duration_s: f64) -> Result<Table> {
