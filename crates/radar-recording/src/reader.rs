@@ -19,7 +19,7 @@ use super::message::{
     MOUNT_CHANNEL, POSE_CHANNEL, POSE_TOPIC, decode_frame, decode_hands, decode_pose,
 };
 use super::record::{Fields, channel, message, message_counts, metadata, op};
-use super::record_source::{CHECKSUM_BYTES, FOOTER_BYTES, FetchedRecord, RecordSource};
+use super::record_source::{CHECKSUM_BYTES, FOOTER_BYTES, FetchedRecord, FileEnd, RecordSource};
 use super::{Damage, RecordingError};
 
 /// An open recording: its header, and an iterator over its frames, poses and hands in the order of
@@ -210,7 +210,14 @@ impl Recording {
             FetchedRecord::Record(op::FOOTER, record) if record.len() == FOOTER_BYTES => {
                 let stated = Fields(&record[FOOTER_BYTES - CHECKSUM_BYTES..]).u32();
                 self.content.damage.index_damaged |= self.source.checksum_differs(stated);
-                self.ended = self.source.ends_properly();
+                let end = self.source.file_end();
+                self.ended = !matches!(end, FileEnd::Wrong);
+                // Its frames are of another sensor, mount and truth than this header's.
+                if let FileEnd::Another(at) = end {
+                    let reason =
+                        format!("another recording begins at byte {at}: save what is before it, and it, apart");
+                    self.content.damage.ended_early = Some(reason);
+                }
                 if self.ended {
                     return;
                 }

@@ -388,10 +388,20 @@ fn what_looks_like_the_end_costs_nothing_behind_it() {
     let (found, recording) = read(&harmed).unwrap();
     assert!(found.len() < written.len() && found.len() + 62 > written.len());
     assert_eq!((recording.damage().chunks_damaged, recording.damage().ended_early.clone()), (1, None));
-    // One recording behind another.
+}
+
+#[test]
+fn recording_behind_another_is_left_to_itself() {
+    let written = events(4);
+    let bytes = recorded(&written);
     let (found, recording) = read(&[&bytes[..], &bytes[..]].concat()).unwrap();
+    assert_same(&found, &written);
+    let reason = recording.damage().ended_early.clone().unwrap();
+    assert!(reason.starts_with(&format!("another recording begins at byte {}:", bytes.len())), "{reason}");
+    // Anything else behind the end is no beginning.
+    let (found, recording) = read(&[&bytes[..], &bytes[4..]].concat()).unwrap();
     assert_eq!(found.len(), 2 * written.len());
-    assert!(recording.damage().bytes_skipped > 0);
+    assert!(recording.damage().bytes_skipped > 0 && recording.damage().ended_early.is_none());
 }
 
 /// A record of any kind, wherever records may begin, that claims as its content what follows it, to the end of a chunk or into one.

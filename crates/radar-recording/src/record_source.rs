@@ -45,6 +45,16 @@ pub(super) enum FetchedRecord {
     Broken(String),
 }
 
+/// What is behind the last record of a file.
+#[derive(Debug)]
+pub(super) enum FileEnd {
+    /// The end that every file has, and nothing more.
+    Proper,
+    /// That end, and from this byte on the beginning of another file.
+    Another(u64),
+    Wrong,
+}
+
 impl RecordSource {
     /// Behind the first bytes of the file, and these bytes.
     ///
@@ -92,9 +102,14 @@ impl RecordSource {
         stated.filter(|stated| *stated != 0).zip(found).is_some_and(|(stated, found)| stated != found)
     }
 
-    /// Whether what follows is the end that every file has, and nothing behind it.
-    pub fn ends_properly(&mut self) -> bool {
-        read_up_to(&mut self.input, mcap::MAGIC.len() as u64 + 1).is_ok_and(|end| end == mcap::MAGIC)
+    /// What follows the last record.
+    pub fn file_end(&mut self) -> FileEnd {
+        let magic = mcap::MAGIC;
+        match read_up_to(&mut self.input, 2 * magic.len() as u64) {
+            Ok(end) if end == magic => FileEnd::Proper,
+            Ok(end) if end == [magic, magic].concat() => FileEnd::Another(self.offset + magic.len() as u64),
+            _ => FileEnd::Wrong,
+        }
     }
 
     /// A header, with its truth, wherever it is whole.
