@@ -1,6 +1,6 @@
 //! Responses of sub-apertures to points, cached from one update to the next, because most points
 //! and most sub-apertures are the same as the last time. A point that is not in the cache is
-//! queried for each sub-aperture, many points of a sub-aperture at once.
+//! queried for each sub-aperture, several points at once.
 
 use std::collections::{BTreeMap, VecDeque, vec_deque};
 
@@ -230,4 +230,54 @@ fn add_missing(
 
 fn add(a: [u64; 2], b: [u64; 2]) -> [u64; 2] {
     [a[0] + b[0], a[1] + b[1]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::subaperture::{SubapertureBuilder, SubapertureSettings};
+    use radar_sar::test_data::{sweeps, winding};
+
+    /// Masked in every sub-aperture.
+    const MASKED: usize = 5;
+    const POINTS: usize = 20;
+
+    fn point(n: usize) -> DVec3 {
+        DVec3::new(n as f64, 0.0, 0.0)
+    }
+
+    /// An answer by which sub-aperture and point can be told.
+    fn answer(subaperture: &Subaperture, point: DVec3) -> CachedResponse {
+        let coherence = Coherence { m: 4.0, power: 4.0 };
+        let range_m = subaperture.mid_time_ns as f64 + point.x;
+        let response =
+            Response::new((&subaperture.middle, subaperture.motion), coherence, range_m, DVec3::X, &Beam::Uniform);
+        (point.x != MASKED as f64).then_some(Some(response))
+    }
+
+    #[test]
+    fn each_pair_is_queried_once_while_both_stay() {
+        let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
+        let all: Vec<Subaperture> = sweeps(1.0, winding, &[], 3).into_iter().filter_map(|o| builder.push(o)).collect();
+        let all: Vec<&Subaperture> = all.iter().collect();
+        let points: Vec<DVec3> = (0..POINTS).map(point).collect();
+        let mut cache = ResponseCache::default();
+        let mut update = |window: &[&Subaperture], points: &[DVec3]| {
+            let before = (cache.hits, cache.misses);
+            cache.begin_update(window);
+            cache.query(points, |index, some| some.iter().map(|&at| answer(window[index], at)).collect());
+            for &at in points {
+                let ranges_m = cache.cached(at).map(|cached| cached.flatten().map(|response| response.range_m));
+                let expected = window.iter().map(|one| answer(one, at).flatten().map(|response| response.range_m));
+                assert!(ranges_m.eq(expected), "{at}");
+            }
+            (cache.hits - before.0, cache.misses - before.1)
+        };
+        let seen = POINTS as u64 - 1;
+        assert_eq!(update(&all[..6], &points), (0, 6 * seen));
+        // Two sub-apertures go and come; one point is asked for twice, and another one is new.
+        let more = [&points[..], &[point(3), point(POINTS)]].concat();
+        assert_eq!(update(&all[2..8], &more), (4 * seen, 2 * seen + 6 + 6));
+        assert_eq!(update(&all[2..8], &points), (6 * seen, 0));
+    }
 }

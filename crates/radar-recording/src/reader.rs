@@ -172,6 +172,11 @@ impl Recording {
             self.data_ended = false;
             self.content.damage.skip(0, format!("at byte {at}, {GOES_ON}"));
         }
+        if let FetchedRecord::Record(op::METADATA, record) = &fetched
+            && self.is_header_of_another(record)
+        {
+            return self.end_before_another(at);
+        }
         match fetched {
             FetchedRecord::Record(op::CHUNK, record) => match self.content.take_chunk(&record) {
                 Ok(()) => self.source.sound_until = self.source.offset,
@@ -210,16 +215,13 @@ impl Recording {
             FetchedRecord::Record(op::FOOTER, record) if record.len() == FOOTER_BYTES => {
                 let stated = Fields(&record[FOOTER_BYTES - CHECKSUM_BYTES..]).u32();
                 self.content.damage.index_damaged |= self.source.checksum_differs(stated);
-                let end = self.source.file_end();
-                self.ended = !matches!(end, FileEnd::Wrong);
-                // Its frames are of another sensor, mount and truth than this header's.
-                if let FileEnd::Another(at) = end {
-                    let reason =
-                        format!("another recording begins at byte {at}: save what is before it, and it, apart");
-                    self.content.damage.ended_early = Some(reason);
-                }
-                if self.ended {
-                    return;
+                match self.source.file_end() {
+                    FileEnd::Proper => {
+                        self.ended = true;
+                        return;
+                    }
+                    FileEnd::Another(at) => return self.end_before_another(at),
+                    FileEnd::Wrong => {}
                 }
                 is_end = true;
                 GOES_ON.to_owned()
@@ -276,6 +278,23 @@ impl Recording {
         self.source.sound_until = end;
         self.source.go_to(end);
         Some(start)
+    }
+
+    /// Whether a record is the header of a recording with another one than this.
+    fn is_header_of_another(&self, record: &[u8]) -> bool {
+        if record.len() as u64 > MAX_HEADER_BYTES {
+            return false;
+        }
+        let Some((HEADER_RECORD, fields)) = metadata(record) else { return false };
+        let own = Header { truth: None, ..self.header.clone() };
+        Header::from_fields(&fields).is_ok_and(|found| Header { truth: None, ..found } != own)
+    }
+
+    /// The frames that follow may be of another sensor and mount than this header's.
+    fn end_before_another(&mut self, at: u64) {
+        let reason = format!("at byte {at} is another recording, which was not read: split the file there");
+        self.content.damage.ended_early = Some(reason);
+        self.ended = true;
     }
 
     fn end_early(&mut self, reason: String) {

@@ -397,7 +397,14 @@ fn recording_behind_another_is_left_to_itself() {
     let (found, recording) = read(&[&bytes[..], &bytes[..]].concat()).unwrap();
     assert_same(&found, &written);
     let reason = recording.damage().ended_early.clone().unwrap();
-    assert!(reason.starts_with(&format!("another recording begins at byte {}:", bytes.len())), "{reason}");
+    assert!(reason.starts_with(&format!("at byte {} is another recording", bytes.len())), "{reason}");
+    // The first one cut, and one of another sensor behind it, whose chunks before the first copy of its header look like this one's.
+    let found_chunks = chunks(&bytes);
+    let other = recorded_with(&written, &Header { source: "another".into(), ..header() });
+    let (found, recording) = read(&[&bytes[..found_chunks[2].0.start + 20], &other[..]].concat()).unwrap();
+    let at_most: usize = found_chunks[..5].iter().map(|(_, events)| events.len()).sum();
+    assert!(found.len() <= at_most, "{} of at most {at_most}", found.len());
+    assert!(recording.damage().ended_early.as_ref().unwrap().contains("another recording"), "{}", recording.damage());
     // Anything else behind the end is no beginning.
     let (found, recording) = read(&[&bytes[..], &bytes[4..]].concat()).unwrap();
     assert_eq!(found.len(), 2 * written.len());

@@ -52,6 +52,7 @@ pub(super) enum FileEnd {
     Proper,
     /// That end, and from this byte on the beginning of another file.
     Another(u64),
+    /// Anything else, or the file ends before.
     Wrong,
 }
 

@@ -88,7 +88,7 @@ impl Imaging {
         self.fine.request(&points, FINE_EDGE_M);
     }
 
-    /// Brings the fine field up to date around points, the most important first; false for a point that has to wait.
+    /// Brings the fine field up to date around points, one after the other; false for a point that has to wait.
     pub fn update_fine(&mut self, places: impl Iterator<Item = DVec3>, window: &Window) -> Vec<bool> {
         let regions: Vec<Aabb> = places.map(fine_region).collect();
         self.fine.update_around(&regions, &window.iter().collect::<Vec<_>>())

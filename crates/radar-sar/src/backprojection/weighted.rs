@@ -3,7 +3,7 @@
 //! D is part of the tables. Inside, where accurate enough, A is a parabola in the cosine to the
 //! boresight, expanded to second order about the brick's centre. So is Σ w², accumulated over all
 //! such sweeps as ten coefficients and evaluated once per brick. Elsewhere A comes from the beam's
-//! table voxel by voxel. Voxels are summed in f32, group by group of sixteen sweeps in order, with
+//! polynomial or table voxel by voxel. Voxels are summed in f32, group by group of sixteen sweeps in order, with
 //! separate sums for the sweeps at an edge.
 //!
 //! Longer than other files: four statistics share the sight of a brick, and are inlined into one kernel
@@ -22,7 +22,7 @@ use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest, scale3, st
 const DISTANCE_ERROR_M: f64 = 4e-6;
 /// Greatest absolute error of the beam's amplitude due to its expansion, and greatest relative
 /// error. Choice: below the uncertainty of any beam pattern; smaller errors leave most bricks to
-/// the table.
+/// separate voxels.
 const AMPLITUDE_ERROR: f32 = 2e-3;
 const AMPLITUDE_ERROR_SHARE: f32 = 2e-2;
 
@@ -723,7 +723,8 @@ mod tests {
     #[test]
     fn phases_are_turned_back() {
         for n in -2000..2000 {
-            let (half_turns, s) = (n as f32 * 0.00137, Portable);
+            // As many half turns as within a brick 2 cm wide.
+            let (half_turns, s) = (n as f32 * 0.0137, Portable);
             let z = [s.splat(0.3), s.splat(-0.4)];
             let (re, im) = add_turned(s, z, s.splat(2.0), s.splat(half_turns), [s.splat(2.0), s.splat(3.0)]);
             let (sin, cos) = (f64::from(half_turns) * std::f64::consts::PI).sin_cos();

@@ -30,7 +30,7 @@ impl Lanes for Avx2 {
     type I = [__m256i; 2];
     type M = [__m256; 2];
     type Table = [f32; LANES];
-    const HAS_HALVES: bool = true;
+    const NEAR_IS_FASTER: bool = true;
 
     lanewise! {
         add(a: F, b: F) -> F = _mm256_add_ps;

@@ -36,7 +36,7 @@ impl Lanes for Avx512 {
     type I = __m512i;
     type M = __mmask16;
     type Table = Self::F;
-    const HAS_HALVES: bool = false;
+    const NEAR_IS_FASTER: bool = false;
 
     lanewise! {
         add(a: F, b: F) -> F = _mm512_add_ps;

@@ -33,7 +33,7 @@ pub(crate) trait Lanes: Copy {
     /// Sixteen f32, where lookups read them fastest: in registers, or in memory.
     type Table: Copy;
     /// Whether [`permute_near`](Self::permute_near) is faster than [`permute`](Self::permute).
-    const HAS_HALVES: bool;
+    const NEAR_IS_FASTER: bool;
 
     fn splat(self, value: f32) -> Self::F;
     /// One value in the first eight lanes, another in the last.
@@ -93,8 +93,8 @@ pub(crate) trait Lanes: Copy {
     fn permute(self, table: Self::F, index: Self::I) -> Self::F;
     fn table(self, entries: Self::F) -> Self::Table;
     fn entries(self, table: &Self::Table) -> Self::F;
-    /// The same as [`permute`](Self::permute) where, in either half of the lanes, every index is one of the eight from the
-    /// half's start on. A register of eight lanes then takes one instruction instead of three.
+    /// The same as [`permute`](Self::permute) where, in each half of the lanes, every index is one of the eight from the
+    /// half's start on, and of the table's sixteen. A register of eight lanes then takes one instruction instead of three.
     fn permute_near(self, table: &Self::Table, starts: [i32; 2], index: Self::I) -> Self::F;
     /// `window[index]`; the index is taken modulo N, which is 8, 16, 32, 64 or 128.
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F;
@@ -203,10 +203,16 @@ mod tests {
             let (whole, bits) = s.rounded(b);
             let (cos, sin) = s.cos_sin_of_half_turns(b);
             let (here, next) = s.gather_pairs(&table, n);
-            // Each half reads its own eight of sixteen entries.
-            let (of_16, starts) = (s.table(a), [3, 8]);
-            let near = std::array::from_fn(|l| ROUNDER.to_bits() as i32 + starts[l / 8] + l as i32 * 5 % 8);
-            let near = s.permute_near(&of_16, starts, s.load_int(&near));
+            // Each half reads its own eight of sixteen entries, also where the eight begin before the table or end behind it.
+            let of_16 = s.table(a);
+            let mut entries = [[0; LANES]; 2];
+            for l in 0..LANES as i32 {
+                let n = l as usize;
+                entries[0][n] = ROUNDER.to_bits() as i32 + if l < 8 { 3 } else { 8 } + l * 5 % 8;
+                entries[1][n] = if l < 8 { l * 5 % 6 } else { 11 + l * 3 % 5 };
+            }
+            let near = s.permute_near(&of_16, [3, 8], s.load_int(&entries[0]));
+            let clamped = s.permute_near(&of_16, [-2, 11], s.load_int(&entries[1]));
             let entries = [5, -7, 11, 13, 1 << 30];
             let sum = s.splat_int(i32::from(s.mask_bits(s.or(less, odd))));
             let floats = [
@@ -229,6 +235,7 @@ mod tests {
                 s.or_zero(s.and(less, odd), a),
                 s.permute(a, bits),
                 near,
+                clamped,
                 s.entries(&of_16),
                 s.look_up(table.first_chunk::<8>().unwrap(), n),
                 s.look_up(table.first_chunk::<16>().unwrap(), n),

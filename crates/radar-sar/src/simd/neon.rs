@@ -38,7 +38,7 @@ impl Lanes for Neon {
     type I = [int32x4_t; 4];
     type M = [uint32x4_t; 4];
     type Table = Self::F;
-    const HAS_HALVES: bool = false;
+    const NEAR_IS_FASTER: bool = false;
 
     lanewise! {
         add(a: F, b: F) -> F = vaddq_f32;

@@ -35,7 +35,7 @@ impl Lanes for Portable {
     type I = [i32; LANES];
     type M = [bool; LANES];
     type Table = Self::F;
-    const HAS_HALVES: bool = false;
+    const NEAR_IS_FASTER: bool = false;
 
     lanewise! {
         add(a: F, b: F) -> F = |a, b| a + b;

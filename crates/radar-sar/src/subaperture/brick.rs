@@ -10,7 +10,7 @@
 //! order by tables of the first and second moment in s, with Chebyshev-economised coefficients. The
 //! leaves are short enough that κ·s·x stays within [`MAX_PHASE_RAD`].
 //!
-//! Each table has sixteen entries, one register. Lanes are voxels, 4 × 4 of a layer, and select
+//! Each table has sixteen entries, as many as there are lanes. Lanes are voxels, 4 × 4 of a layer, and select
 //! their entries within it; where a register has eight lanes, mostly among eight entries. m agrees
 //! with the exact kernel to 1 % of itself plus 0.02, as that kernel does with the oracle.
 
@@ -211,7 +211,7 @@ impl Kernel for SumInBox<'_> {
         let partition = block.partition(MAX_PHASE_RAD / (PHASE_RAD_PER_M as f32 * cosine_spread));
         scratch.halves.clear();
         for layers_m in voxels.layers_m.chunks(LAYERS_AT_ONCE) {
-            let halves = if S::HAS_HALVES { Halves::of(layers_m, voxels.voxel_m) } else { Halves::UNUSED };
+            let halves = if S::NEAR_IS_FASTER { Halves::of(layers_m, voxels.voxel_m) } else { Halves::UNUSED };
             scratch.halves.push(halves);
         }
         for run in &partition.runs {

@@ -174,8 +174,8 @@ impl FineField {
             .extend(wanted.iter().map(|key| (key.to_array(), Open { idle: 0, missing: self.popped, is_empty: true })));
     }
 
-    /// Brings the open bricks that these boxes touch up to date, the most important box first; false for a box for which
-    /// this update would read too many bricks. `at_hand`: all current sub-apertures, in time order.
+    /// Brings the open bricks that these boxes touch up to date, box by box; false for a box for which this update would read
+    /// too many bricks. `at_hand`: all current sub-apertures, in time order.
     pub fn update_around(&mut self, regions: &[Aabb], at_hand: &[&Subaperture]) -> Vec<bool> {
         debug_assert_eq!(at_hand.len() as u64, self.pushed - self.popped);
         let mut behind = BTreeMap::new();
@@ -198,7 +198,8 @@ impl FineField {
         is_updated
     }
 
-    /// Open voxels within a box of at least that score, in brick order, as of the last [`update_around`](Self::update_around).
+    /// Open voxels within a box of at least that score, in brick order, as of their last
+    /// [`update_around`](Self::update_around): outdated, where that returned false.
     pub fn above_within(&self, region: &Aabb, min_score: f64) -> Vec<Peak> {
         self.field.above_within(region, min_score)
     }
@@ -213,6 +214,9 @@ impl FineField {
     /// Adds to bricks the sub-apertures from their given number on.
     fn catch_up(&mut self, behind: &BTreeMap<[i32; 3], u64>, at_hand: &[&Subaperture]) {
         let all = at_hand.len();
+        if behind.is_empty() {
+            return;
+        }
         let missing = |key: &[i32; 3]| behind.get(key).map_or(all, |missing| (missing - self.popped) as usize)..all;
         self.field.add_missing(at_hand, missing);
         for key in behind.keys() {
@@ -325,7 +329,8 @@ mod tests {
         assert_eq!(fine.counters().updates, 0);
         let at_hand: Vec<&Subaperture> = blocks.iter().collect();
         let within = Aabb { min: CHAIR, max: CHAIR };
-        assert_eq!(fine.update_around(&[cube, within], &at_hand), [false, true]);
+        // Bricks that two boxes share count once.
+        assert_eq!(fine.update_around(&[cube, within, within], &at_hand), [false, true, true]);
         assert!(fine.counters().updates > 0);
         // Without requests everything is dropped after two updates.
         fine.request(&[], 0.1);

@@ -4,15 +4,16 @@ use super::super::Subaperture;
 use super::super::kernel::HALF_TURNS_PER_M;
 use super::super::leaf::{Leaf, dot, minus};
 use super::tables::Tables;
-use super::{MIDDLE, Sums, VoxelBox};
+use super::{ENTRIES, MIDDLE, Sums, VoxelBox};
 use crate::simd::{self, LANES, Lanes, ROUNDER, load3};
 
 /// Position of a lane in a layer of 4 × 4.
 pub(super) const COLUMN: [f32; LANES] =
     [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
 pub(super) const ROW: [f32; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
-/// Table entries of a layer's voxels: the nearest entry, how far beyond it, and where either half of the lanes starts. With
-/// `NEAR`, either half has its voxels within eight entries from there on.
+
+/// Table entries of a layer's voxels: the nearest entry, how far beyond it, and where each half of the lanes starts. With
+/// `NEAR`, each half has its voxels within eight entries from there on.
 struct Places<S: Lanes, const NEAR: bool> {
     at: S::I,
     u: S::F,
@@ -61,8 +62,8 @@ impl Halves {
         Self(middles)
     }
 
-    /// The entry at which the window of each half starts, and the halves whose voxels lie within the eight entries from there on.
-    /// A distance over a plane is convex: it lies between that on its tangent, and that plus the square of the distance from
+    /// The entry at which the window of each half starts, and the halves whose voxels lie within the eight entries from there
+    /// on, all of the table. A distance over a plane is convex: it lies between that on its tangent, and that plus the square of the distance from
     /// where it touches over twice the distance.
     #[inline(always)]
     pub fn starts<S: Lanes>(&self, s: S, leaf: &LeafSight, voxel_m: f32) -> ([i32; LANES], u16) {
@@ -77,12 +78,13 @@ impl Halves {
         let (first, bits) = s.rounded(s.sub(middle, reach));
         let (last, _) = s.rounded(s.add(middle, s.add(reach, bend)));
         let starts = s.store_int(s.sub_int(bits, s.splat_int(ROUNDER.to_bits() as i32)));
-        (starts, s.mask_bits(s.at_most(s.sub(last, first), s.splat(7.0))))
+        let in_table = s.and(s.at_most(s.splat(0.0), first), s.at_most(last, s.splat((ENTRIES - 1) as f32)));
+        (starts, s.mask_bits(s.and(in_table, s.at_most(s.sub(last, first), s.splat(7.0)))))
     }
 }
 
-/// Upper bound of the rounding error of an entry: 1e-6 of sixteen.
-const ROUNDING_ENTRIES: f32 = 1e-4;
+/// Upper bound of an entry's rounding error. Choice: ten times that of distances of 5 m, in entries 8 mm apart.
+const ROUNDING_ENTRIES: f32 = 2e-3;
 
 /// What a leaf's voxels share.
 pub(super) struct LeafSight {
@@ -138,9 +140,9 @@ pub(super) fn add_leaf<S: Lanes, const ORDER: usize>(
     let in_layer = InLayer::new(s, voxel_m);
     let parts = voxels.layers_m.chunks(LAYERS_AT_ONCE).zip(sums.chunks_mut(LAYERS_AT_ONCE));
     for ((layers_m, sums), halves) in parts.zip(halves) {
-        let (starts, near) = if S::HAS_HALVES { halves.starts(s, &leaf, voxels.voxel_m) } else { ([0; LANES], 0) };
+        let (starts, near) = if S::NEAR_IS_FASTER { halves.starts(s, &leaf, voxels.voxel_m) } else { ([0; LANES], 0) };
         for (l, (corner, sums)) in layers_m.iter().zip(sums).enumerate() {
-            if S::HAS_HALVES && near >> (2 * l) & 3 == 3 {
+            if S::NEAR_IS_FASTER && near >> (2 * l) & 3 == 3 {
                 let starts = [starts[2 * l], starts[2 * l + 1]];
                 add_layer::<S, ORDER, true>(s, &leaf, &in_layer, corner, starts, tables, sums);
             } else {

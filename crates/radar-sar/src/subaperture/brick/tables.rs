@@ -1,4 +1,4 @@
-//! The tables of one leaf over one box, one register each.
+//! The tables of one leaf over one box.
 
 use super::super::Subaperture;
 use super::super::leaf::Leaf;
