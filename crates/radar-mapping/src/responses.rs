@@ -246,7 +246,7 @@ mod tests {
         DVec3::new(n as f64, 0.0, 0.0)
     }
 
-    /// An answer by which sub-aperture and point can be told.
+    /// An answer that shows which sub-aperture and point it is of.
     fn answer(subaperture: &Subaperture, point: DVec3) -> CachedResponse {
         let coherence = Coherence { m: 4.0, power: 4.0 };
         let range_m = subaperture.mid_time_ns as f64 + point.x;

@@ -8,8 +8,7 @@ use num_complex::Complex;
 use proptest::prelude::*;
 
 use super::*;
-use crate::test_files::{TestFile, assert_same, events, header, recorded};
-use crate::{Existing, RecordingWriter};
+use crate::test_files::{TestFile, assert_same, events, header, recorded, recorded_with};
 use a121::Frame;
 use radar_mapping::HandsSample;
 use radar_sar::PoseSample;
@@ -575,16 +574,6 @@ fn random_bytes_behind_the_header_never_panic() {
         let (events, _) = read(&file).unwrap();
         prop_assert!(events.is_empty());
     });
-}
-
-fn recorded_with(events: &[Event], header: &Header) -> Vec<u8> {
-    let file = TestFile::new();
-    let mut writer = RecordingWriter::create(&file.0, header, Existing::Keep).unwrap();
-    for event in events {
-        writer.write(event).unwrap();
-    }
-    writer.finish().unwrap();
-    std::fs::read(&file.0).unwrap()
 }
 
 #[test]

@@ -106,8 +106,13 @@ pub fn events(seconds: i64) -> Vec<Event> {
 
 /// The bytes of a recording of these events.
 pub fn recorded(events: &[Event]) -> Vec<u8> {
+    recorded_with(events, &header())
+}
+
+/// The same with another header.
+pub fn recorded_with(events: &[Event], header: &Header) -> Vec<u8> {
     let file = TestFile::new();
-    let mut writer = RecordingWriter::create(&file.0, &header(), Existing::Replace).unwrap();
+    let mut writer = RecordingWriter::create(&file.0, header, Existing::Replace).unwrap();
     for event in events {
         writer.write(event).unwrap();
     }

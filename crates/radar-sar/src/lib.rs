@@ -149,3 +149,5 @@ pub const SPEED_OF_LIGHT_M_PER_S: f64 = 299_792_458.0;
 pub const WAVELENGTH_M: f64 = SPEED_OF_LIGHT_M_PER_S / CARRIER_HZ;
 /// Radians of phase for a metre of range: 4π/λ.
 pub const PHASE_RAD_PER_M: f64 = 4.0 * std::f64::consts::PI / WAVELENGTH_M;
+/// The same in half turns, as the kernels count it.
+pub(crate) const HALF_TURNS_PER_M: f64 = 4.0 / WAVELENGTH_M;

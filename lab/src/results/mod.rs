@@ -50,7 +50,7 @@ impl Extent {
 ///
 /// # Errors
 /// It is missing.
-pub(crate) fn program() -> Result<PathBuf> {
+fn program() -> Result<PathBuf> {
     let program =
         std::env::current_exe()?.with_file_name("radar-chaperone").with_extension(std::env::consts::EXE_EXTENSION);
     if !program.is_file() {

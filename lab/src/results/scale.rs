@@ -52,10 +52,7 @@ struct Cost {
 }
 
 pub(super) fn page(extent: Extent) -> Result<Page> {
-    let program = std::env::current_exe()?.with_file_name("radar-chaperone");
-    if !program.is_file() {
-        bail!("{} is missing: build it with cargo build --release", program.display());
-    }
+    let program = super::program()?;
     let folder = std::env::temp_dir().join(format!("radar-chaperone-scale-{}", std::process::id()));
     std::fs::create_dir(&folder).with_context(|| folder.display().to_string())?;
     let page = measured(&program, &folder, extent);

@@ -103,7 +103,7 @@ fn by_instruction_set(extent: Extent) -> Result<Table> {
 fn replay(extent: Extent) -> Result<Table> {
     let program = match program() {
         Ok(program) => program,
-        // A short run shows that the page can be made; the tests build no program beside the lab.
+        // A short run shows that the page can be made, also where the lab alone was built.
         Err(_) if extent == Extent::Quick => return Ok(Table::default()),
         Err(error) => return Err(error),
     };

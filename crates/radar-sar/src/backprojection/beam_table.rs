@@ -137,6 +137,18 @@ pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
     s.mul_add(s.sub(at, whole), s.sub(next, here), here)
 }
 
+/// The amplitude of the beam at a cosine: by its polynomial where it has one.
+#[inline(always)]
+pub(super) fn amplitude_at<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
+    let Some(polynomial) = &beam.polynomial else { return amplitude(s, beam, cos) };
+    let t = s.mul_add(cos, s.splat(polynomial.per_cos), s.splat(polynomial.at_zero));
+    let mut sum = s.splat(0.0);
+    for coefficient in polynomial.coefficients.iter().rev() {
+        sum = s.mul_add(sum, t, s.splat(*coefficient));
+    }
+    sum
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,30 +5,28 @@
 //! such sweeps as ten coefficients and evaluated once per brick. Elsewhere A comes from the beam's
 //! polynomial or table voxel by voxel. Voxels are summed in f32, group by group of sixteen sweeps in order, with
 //! separate sums for the sweeps at an edge.
-//!
-//! Longer than other files: four statistics share the sight of a brick, and are inlined into one kernel
-//! each.
 
-use super::beam_table::amplitude;
-use super::beam_table::{BeamTable, ENTRIES_PER_COS};
+mod beam_expansion;
+mod phase;
+mod weight_sum;
+
+use beam_expansion::{Amplitudes, BeamExpansion};
+use phase::{Phase, add_turned};
+use weight_sum::{WeightSum, at};
+
+use super::beam_table::amplitude_at;
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
 use super::power::{AtEdge, Edges, Exact, extent, from_sensor, fully_visible, read, window};
-use super::sweep_stack::{Group, HALF_WINDOW, SweepStack, TABLE_STEP_M, WIDE_WINDOW, WINDOW};
-use crate::Statistic;
-use crate::WAVELENGTH_M;
-use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest, scale3, store3, sub3};
+use super::sweep_stack::{HALF_WINDOW, SweepStack, TABLE_STEP_M, WIDE_WINDOW, WINDOW};
+use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest};
+use crate::{HALF_TURNS_PER_M, Statistic};
 
 /// Greatest error of a distance, metres. Choice: 1 % of a radian of phase.
 const DISTANCE_ERROR_M: f64 = 4e-6;
-/// Greatest absolute error of the beam's amplitude due to its expansion, and greatest relative
-/// error. Choice: below the uncertainty of any beam pattern; smaller errors leave most bricks to
-/// separate voxels.
-const AMPLITUDE_ERROR: f32 = 2e-3;
-const AMPLITUDE_ERROR_SHARE: f32 = 2e-2;
 
 /// Greatest displacement of the sensor from its pose, relative to the distance, at which one
 /// distance serves for range, beam and falloff. Choice: 0.4 mm at 2 m, which changes beam and
-/// falloff by less than [`AMPLITUDE_ERROR`].
+/// falloff by less than [`beam_expansion::AMPLITUDE_ERROR`].
 const MOVED_SHARE: f32 = 2e-4;
 /// Upper bound of the distance below which D is held constant, metres: the widest table step.
 const HELD_M: f32 = TABLE_STEP_M as f32;
@@ -37,18 +35,6 @@ const HELD_M: f32 = TABLE_STEP_M as f32;
 /// [`super::power::power_shape`].
 pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
     BrickShape::new(voxel_m, DISTANCE_ERROR_M)
-}
-
-/// The amplitude of the beam at a cosine: by its polynomial where it has one.
-#[inline(always)]
-fn amplitude_at<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
-    let Some(polynomial) = &beam.polynomial else { return amplitude(s, beam, cos) };
-    let t = s.mul_add(cos, s.splat(polynomial.per_cos), s.splat(polynomial.at_zero));
-    let mut sum = s.splat(0.0);
-    for coefficient in polynomial.coefficients.iter().rev() {
-        sum = s.mul_add(sum, t, s.splat(*coefficient));
-    }
-    sum
 }
 
 /// The statistic over the voxels of one brick, from all sweeps of a stack.
@@ -395,34 +381,6 @@ struct Ray<'a, S: Lanes, const N: usize> {
     amplitude: Amplitudes<S>,
 }
 
-/// A over the brick as a polynomial in the layer's height: for each lane what two layers of equal distance from the centre
-/// have in common, outer and inner ones, and the slope.
-struct Amplitudes<S: Lanes> {
-    even: [S::F; 2],
-    slope: S::F,
-}
-
-impl<S: Lanes> Amplitudes<S> {
-    /// `flat`, `flat_g`: component along the line of sight, and g, for the layer through the centre.
-    #[inline(always)]
-    fn of(s: S, beam: &BeamExpansion, l: usize, offsets: &Offsets<S>, [flat, flat_g]: [S::F; 2]) -> Self {
-        let [a0, a1, a2] = lane3(s, &beam.terms, l);
-        let of_g = s.mul_add(flat_g, a2, s.mul_add(flat, s.splat(beam.along_per_m[l]), a1));
-        let across = s.neg_mul_add(flat, flat, offsets.flat_squared);
-        let middle = s.mul_add(flat_g, of_g, s.mul_add(across, s.splat(beam.across_per_m2[l]), a0));
-        let [slope, slope_g, slope_along] = lane3(s, &beam.slope, l);
-        Self {
-            even: [s.add(middle, s.splat(beam.bend[0][l])), s.add(middle, s.splat(beam.bend[1][l]))],
-            slope: s.mul_add(flat_g, slope_g, s.mul_add(flat, slope_along, slope)),
-        }
-    }
-
-    #[inline(always)]
-    fn in_layer(&self, s: S, offsets: &Offsets<S>, layer: usize) -> S::F {
-        s.mul_add(self.slope, offsets.z[layer], self.even[usize::from(layer == 1 || layer == 2)])
-    }
-}
-
 impl<S: Lanes, const N: usize> Ray<'_, S, N> {
     /// The sums of a layer with this sweep added.
     #[inline(always)]
@@ -448,48 +406,6 @@ impl<S: Lanes, const N: usize> Ray<'_, S, N> {
     }
 }
 
-/// Half turns of phase per metre of distance (two-way), and what f32 cannot represent of it.
-const HALF_TURNS_PER_M: f64 = 4.0 / WAVELENGTH_M;
-const HALF_TURNS_PER_M_REST: f32 = (HALF_TURNS_PER_M - HALF_TURNS_PER_M as f32 as f64) as f32;
-
-/// Phases at a brick's centre, for each of sixteen sweeps.
-struct Phase {
-    /// In half turns, without whole turns.
-    center_half_turns: [f32; LANES],
-    half_turns_per_m: [f32; LANES],
-}
-
-impl Phase {
-    #[inline(always)]
-    fn new<S: Lanes>(s: S, sight: &Sight) -> Self {
-        let (distance, per_m) = (s.load(&sight.distance_m), s.splat(HALF_TURNS_PER_M as f32));
-        let half_turns = s.mul(distance, per_m);
-        // Rounding error of the product: d·k − rounded(d·k) is exact in one operation.
-        let lost = s.sub(s.splat(0.0), s.neg_mul_add(distance, per_m, half_turns));
-        let lost = s.mul_add(distance, s.splat(HALF_TURNS_PER_M_REST), lost);
-        let whole = s.mul(s.floor(s.mul(half_turns, s.splat(0.5))), s.splat(2.0));
-        Self {
-            center_half_turns: s.store(s.add(s.sub(half_turns, whole), lost)),
-            half_turns_per_m: s.store(s.mul(s.load(&sight.stretch), per_m)),
-        }
-    }
-}
-
-/// Adds A·(re + j·im)·e^(−jφ) to a sum; φ in half turns. Accurate to 1e-4 of the amplitude.
-///
-/// Polynomials, since tables in registers are slower with AVX2: two lookups among 32 entries take as
-/// many instructions as the rest of a voxel.
-#[inline(always)]
-fn add_turned<S: Lanes>(s: S, [re, im]: [S::F; 2], amplitude: S::F, half_turns: S::F, sums: [S::F; 2]) -> (S::F, S::F) {
-    let (whole, bits) = s.rounded(half_turns);
-    let (cos, sin) = s.cos_sin_within_half_turn(s.sub(half_turns, whole));
-    // An odd half turn changes both signs.
-    let amplitude = s.negate_where::<0>(amplitude, bits);
-    let turned_re = s.mul_add(im, sin, s.mul(re, cos));
-    let turned_im = s.neg_mul_add(re, sin, s.mul(im, cos));
-    (s.mul_add(amplitude, turned_re, sums[0]), s.mul_add(amplitude, turned_im, sums[1]))
-}
-
 /// The statistic from its sums.
 #[inline(always)]
 fn value<S: Lanes, const PLANES: usize>(s: S, re: S::F, im: S::F, weights: S::F) -> S::F {
@@ -498,238 +414,5 @@ fn value<S: Lanes, const PLANES: usize>(s: S, re: S::F, im: S::F, weights: S::F)
         1 => re,
         2 => s.or_zero(some, s.div(re, s.sqrt(weights))),
         _ => s.or_zero(some, s.div(s.sqrt(s.mul_add(re, re, s.mul(im, im))), s.sqrt(weights))),
-    }
-}
-
-/// A about a brick's centre, for each of sixteen sweeps, to second order in a voxel's offset δ from
-/// it: A ≈ a0 + g·(a1 + a2·g − a1·q/d) − a1·cos·(|δ|² − q²)/2d², with q along the line of sight and
-/// g = δ·(b − cos·u)/d.
-struct BeamExpansion {
-    /// A and its derivatives with respect to the cosine to the boresight.
-    terms: [[f32; LANES]; 3],
-    /// (b − cos·u)/d: the gradient of g.
-    gradient_per_m: [[f32; LANES]; 3],
-    /// Contribution of each layer to q.
-    up: [[f32; LANES]; EDGE],
-    /// Slope of A along z: at the centre, and what it grows by with g and with q.
-    slope: [[f32; LANES]; 3],
-    /// Part of A of second order in z, in the outer and the inner layers.
-    bend: [[f32; LANES]; 2],
-    /// −a1/d and −a1·cos/2d².
-    along_per_m: [f32; LANES],
-    across_per_m2: [f32; LANES],
-    /// Lanes for which it is accurate enough over the whole brick.
-    good: u16,
-}
-
-impl BeamExpansion {
-    /// A = 1, with layer contributions still to be set.
-    const FLAT: Self = Self {
-        terms: [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
-        gradient_per_m: [[0.0; LANES]; 3],
-        up: [[0.0; LANES]; EDGE],
-        slope: [[0.0; LANES]; 3],
-        bend: [[0.0; LANES]; 2],
-        along_per_m: [0.0; LANES],
-        across_per_m2: [0.0; LANES],
-        good: u16::MAX,
-    };
-
-    #[inline(always)]
-    fn new<S: Lanes>(s: S, beam: &BeamTable, sweeps: &Group, sight: &Sight, shape: &BrickShape) -> Self {
-        let heights = shape.heights();
-        let toward = load3(s, &sight.toward);
-        let up = steps(s, toward[2], heights);
-        if beam.uniform {
-            return Self { up, ..Self::FLAT };
-        }
-        let cos = s.load(&sight.cos);
-        let per_m = s.div(s.splat(1.0), s.max(s.load(&sight.pose_distance_m), s.splat(1e-6)));
-        // The cosine changes by at most ρ/d, and slightly more due to curvature.
-        let turn = s.mul(s.splat(shape.radius_m * 1.1), per_m);
-        let ([a0, a1, a2], mut good) = parabola(s, beam, cos, turn);
-        // Third-order terms are neglected: g·e² is at most 0.4 ρ³/d³, across and along the line of
-        // sight.
-        let left_out = s.mul(s.mul(s.abs(a1), s.splat(0.4)), s.mul(turn, s.mul(turn, turn)));
-        good = s.and(good, s.at_most(left_out, tolerance(s, a0)));
-        let gradient = scale3(s, sub3(s, load3(s, &sweeps.forward), scale3(s, toward, cos)), per_m);
-        let along = s.mul(s.mul(a1, per_m), s.splat(-1.0));
-        let across = s.mul(s.mul(along, s.mul(cos, per_m)), s.splat(0.5));
-        // With q and g linear in z: A's derivatives along z.
-        let (u, w) = (toward[2], gradient[2]);
-        let two = s.splat(2.0);
-        let slope = [
-            s.mul(a1, w),
-            s.mul_add(s.mul(a2, two), w, s.mul(along, u)),
-            s.neg_mul_add(s.mul(across, two), u, s.mul(along, w)),
-        ];
-        let bend = s.mul_add(s.mul_add(a2, w, s.mul(along, u)), w, s.mul(across, s.neg_mul_add(u, u, s.splat(1.0))));
-        let [outer, inner, ..] = heights;
-        Self {
-            terms: [s.store(a0), s.store(a1), s.store(a2)],
-            gradient_per_m: [s.store(gradient[0]), s.store(gradient[1]), s.store(gradient[2])],
-            up,
-            slope: store3(s, slope),
-            bend: [s.store(s.mul(bend, s.splat(outer * outer))), s.store(s.mul(bend, s.splat(inner * inner)))],
-            along_per_m: s.store(along),
-            across_per_m2: s.store(across),
-            good: s.mask_bits(good),
-        }
-    }
-}
-
-/// A slope along z as the contribution of each layer.
-#[inline(always)]
-fn steps<S: Lanes>(s: S, slope: S::F, heights: [f32; EDGE]) -> [[f32; LANES]; EDGE] {
-    let mut steps = [[0.0; LANES]; EDGE];
-    for (step, height) in steps.iter_mut().zip(heights) {
-        *step = s.store(s.mul(slope, s.splat(height)));
-    }
-    steps
-}
-
-/// Permitted error of an amplitude.
-#[inline(always)]
-fn tolerance<S: Lanes>(s: S, amplitude: S::F) -> S::F {
-    s.min(s.splat(AMPLITUDE_ERROR), s.mul(amplitude, s.splat(AMPLITUDE_ERROR_SHARE)))
-}
-
-/// A ≈ a0 + Δcos·(a1 + Δcos·a2) for cosines within `turn` of `cos`, and where that is accurate
-/// enough.
-#[inline(always)]
-fn parabola<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, turn: S::F) -> ([S::F; 3], S::M) {
-    let width = s.max(s.min(turn, s.splat(0.25)), s.splat(2.0 / ENTRIES_PER_COS));
-    // Three points `width` apart, the highest at most 1: near the axis they shift to the available
-    // side.
-    let high = s.min(width, s.sub(s.splat(1.0), cos));
-    let [a_low, a_middle, a_high] = [
-        below(s, beam, cos, high, width, 2.0),
-        below(s, beam, cos, high, width, 1.0),
-        below(s, beam, cos, high, width, 0.0),
-    ];
-    let per_width = s.div(s.splat(1.0), width);
-    let slope = s.mul(s.sub(a_high, a_middle), per_width);
-    let slope_low = s.mul(s.sub(a_middle, a_low), per_width);
-    let a2 = s.mul(s.mul(s.sub(slope, slope_low), per_width), s.splat(0.5));
-    let middle = s.sub(high, width);
-    let a1 = s.neg_mul_add(a2, s.add(high, middle), slope);
-    let a0 = s.add(s.neg_mul_add(slope, high, a_high), s.mul(a2, s.mul(high, middle)));
-    // Checked halfway between the points.
-    let (x, far) = (s.neg_mul_add(width, s.splat(0.5), high), s.neg_mul_add(width, s.splat(1.5), high));
-    let off = s.sub(below(s, beam, cos, high, width, 0.5), s.mul_add(s.mul_add(a2, x, a1), x, a0));
-    let off_far = s.sub(below(s, beam, cos, high, width, 1.5), s.mul_add(s.mul_add(a2, far, a1), far, a0));
-    ([a0, a1, a2], s.at_most(s.max(s.abs(off), s.abs(off_far)), tolerance(s, a0)))
-}
-
-/// A at the given number of widths below the highest point.
-#[inline(always)]
-fn below<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, high: S::F, width: S::F, widths: f32) -> S::F {
-    amplitude_at(s, beam, s.add(cos, s.neg_mul_add(width, s.splat(widths), high)))
-}
-
-/// Coefficients of 1, x, y, z, x², y², z², xy, xz, yz.
-const TERMS: usize = 10;
-
-/// Σ w² of the sweeps that see the whole brick, to second order in a voxel's offset from its
-/// centre. Lanes are sweeps.
-struct WeightSum<S: Lanes> {
-    terms: [S::F; TERMS],
-}
-
-impl<S: Lanes> WeightSum<S> {
-    #[inline(always)]
-    fn none(s: S) -> Self {
-        Self { terms: [s.splat(0.0); TERMS] }
-    }
-
-    /// w² = A²/d⁴ with A from its expansion, 1/d⁴ ≈ (1 − 4e + 12e² − 2|δ|²/d²)/d₀⁴ and e = q/d₀.
-    #[inline(always)]
-    fn add(&mut self, s: S, inside: u16, sight: &Sight, beam: &BeamExpansion) {
-        let mask = s.mask(inside);
-        let [a0, a1, a2] = load3(s, &beam.terms);
-        let per_m = s.mul(s.load(&sight.half_per_m), s.splat(2.0));
-        let per_m2 = s.mul(per_m, per_m);
-        let per_m4 = s.mul(per_m2, per_m2);
-        let ([gx, gy, gz], u) = (load3(s, &beam.gradient_per_m), load3(s, &sight.toward));
-        let [ux, uy, uz] = scale3(s, u, per_m);
-        let (a00, a01) = (s.mul(s.mul(a0, a0), per_m4), s.mul(s.mul(a0, a1), per_m4));
-        let bent = s.mul(a01, s.load(&sight.cos));
-        let gg = s.mul(s.mul_add(s.add(a0, a0), a2, s.mul(a1, a1)), per_m4);
-        let gu = s.mul(a01, s.splat(-10.0));
-        let uu = s.mul_add(a00, s.splat(12.0), bent);
-        let dd = s.mul(s.mul_add(a00, s.splat(-2.0), s.sub(s.splat(0.0), bent)), per_m2);
-        let (g1, u1) = (s.add(a01, a01), s.mul(a00, s.splat(-4.0)));
-        let square = Products { gg, gu, uu };
-        let terms = [
-            a00,
-            s.mul_add(g1, gx, s.mul(u1, ux)),
-            s.mul_add(g1, gy, s.mul(u1, uy)),
-            s.mul_add(g1, gz, s.mul(u1, uz)),
-            s.add(dd, square.of(s, [gx, ux], [gx, ux])),
-            s.add(dd, square.of(s, [gy, uy], [gy, uy])),
-            s.add(dd, square.of(s, [gz, uz], [gz, uz])),
-            s.mul(s.splat(2.0), square.of(s, [gx, ux], [gy, uy])),
-            s.mul(s.splat(2.0), square.of(s, [gx, ux], [gz, uz])),
-            s.mul(s.splat(2.0), square.of(s, [gy, uy], [gz, uz])),
-        ];
-        for (sum, term) in self.terms.iter_mut().zip(terms) {
-            *sum = s.add(*sum, s.or_zero(mask, term));
-        }
-    }
-
-    /// The sum over the lanes.
-    #[inline(always)]
-    fn total(&self, s: S) -> [f32; TERMS] {
-        let mut total = [0.0; TERMS];
-        for (total, terms) in total.iter_mut().zip(self.terms) {
-            *total = s.store(terms).iter().sum();
-        }
-        total
-    }
-}
-
-/// A quadratic form of the gradients g and u: gg·g² + gu·g·u + uu·u².
-struct Products<S: Lanes> {
-    gg: S::F,
-    gu: S::F,
-    uu: S::F,
-}
-
-impl<S: Lanes> Products<S> {
-    /// Its coefficient for two axes, symmetric.
-    #[inline(always)]
-    fn of(&self, s: S, [ga, ua]: [S::F; 2], [gb, ub]: [S::F; 2]) -> S::F {
-        let mixed = s.mul(s.mul(self.gu, s.splat(0.5)), s.mul_add(ga, ub, s.mul(gb, ua)));
-        s.mul_add(s.mul(self.gg, ga), gb, s.mul_add(s.mul(self.uu, ua), ub, mixed))
-    }
-}
-
-/// The expansion at a layer's voxels.
-#[inline(always)]
-fn at<S: Lanes>(s: S, terms: &[f32; TERMS], offsets: &Offsets<S>, layer: usize) -> S::F {
-    let [one, x, y, z, xx, yy, zz, xy, xz, yz] = *terms;
-    let [dx, dy, dz] = offsets.layer(layer);
-    let along_x = s.mul_add(dx, s.splat(xx), s.mul_add(dy, s.splat(xy), s.mul_add(dz, s.splat(xz), s.splat(x))));
-    let along_y = s.mul_add(dy, s.splat(yy), s.mul_add(dz, s.splat(yz), s.splat(y)));
-    let along_z = s.mul_add(dz, s.splat(zz), s.splat(z));
-    s.add(s.splat(one), dot(s, [dx, dy, dz], [along_x, along_y, along_z]))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::simd::Portable;
-
-    #[test]
-    fn phases_are_turned_back() {
-        for n in -2000..2000 {
-            // As many half turns as within a brick 2 cm wide.
-            let (half_turns, s) = (n as f32 * 0.0137, Portable);
-            let z = [s.splat(0.3), s.splat(-0.4)];
-            let (re, im) = add_turned(s, z, s.splat(2.0), s.splat(half_turns), [s.splat(2.0), s.splat(3.0)]);
-            let (sin, cos) = (f64::from(half_turns) * std::f64::consts::PI).sin_cos();
-            assert!((f64::from(re[0]) - 2.0 - (0.6 * cos - 0.8 * sin)).abs() < 1.5e-4);
-            assert!((f64::from(im[0]) - 3.0 - (-0.8 * cos - 0.6 * sin)).abs() < 1.5e-4);
-        }
     }
 }

@@ -120,10 +120,10 @@ pub(crate) trait Lanes: Copy {
         self.with_bits(self.and_int(self.bits_of(a), self.splat_int(i32::MAX)))
     }
 
-    /// −a in lanes whose `n` has that bit set.
+    /// −a in lanes whose `n` is odd.
     #[inline(always)]
-    fn negate_where<const BIT: i32>(self, a: Self::F, n: Self::I) -> Self::F {
-        let at_sign = self.shift_left(n, self.splat_int(31 - BIT));
+    fn negate_odd(self, a: Self::F, n: Self::I) -> Self::F {
+        let at_sign = self.shift_left(n, self.splat_int(31));
         let sign = self.and_int(at_sign, self.splat_int(i32::MIN));
         self.with_bits(self.xor_int(self.bits_of(a), sign))
     }
@@ -150,7 +150,7 @@ pub(crate) trait Lanes: Copy {
     fn cos_sin_of_half_turns(self, a: Self::F) -> (Self::F, Self::F) {
         let (whole, bits) = self.rounded(a);
         let (cos, sin) = self.cos_sin_within_half_turn(self.sub(a, whole));
-        (self.negate_where::<0>(cos, bits), self.negate_where::<0>(sin, bits))
+        (self.negate_odd(cos, bits), self.negate_odd(sin, bits))
     }
 
     /// cos and sin of π·x, to 1e-4; for values within ±½.
@@ -242,8 +242,7 @@ mod tests {
                 s.look_up(table.first_chunk::<32>().unwrap(), n),
                 s.look_up(table.first_chunk::<64>().unwrap(), n),
                 s.look_up(&table, n),
-                s.negate_where::<0>(a, n),
-                s.negate_where::<5>(a, n),
+                s.negate_odd(a, n),
                 s.load_at(&table, 112),
                 s.load_at(&table, 113),
                 power,

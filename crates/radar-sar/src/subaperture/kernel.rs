@@ -14,8 +14,7 @@ use super::Subaperture;
 use crate::WAVELENGTH_M;
 use crate::simd::{Kernel, LANES, Lanes, ROUNDER, dot, load3, on_widest, splat3, sub3};
 
-/// Phase over distance, half turns a metre.
-pub(super) const HALF_TURNS_PER_M: f32 = (4.0 / WAVELENGTH_M) as f32;
+pub(super) const HALF_TURNS_PER_M: f32 = crate::HALF_TURNS_PER_M as f32;
 
 /// Positions and velocities of sixteen consecutive sweeps, relative to the sub-aperture's middle;
 /// the last lanes may repeat a sweep.

@@ -46,6 +46,7 @@ pub(super) const LAYERS_AT_ONCE: usize = LANES / 2;
 pub(super) struct Halves([[f32; LANES]; 3]);
 
 impl Halves {
+    /// Where no lookup reads them.
     pub const UNUSED: Self = Self([[0.0; LANES]; 3]);
 
     #[inline(always)]
@@ -63,8 +64,8 @@ impl Halves {
     }
 
     /// The entry at which the window of each half starts, and the halves whose voxels lie within the eight entries from there
-    /// on, all of the table. A distance over a plane is convex: it lies between that on its tangent, and that plus the square of the distance from
-    /// where it touches over twice the distance.
+    /// on, all of the table. A distance over a plane is convex: it lies between that on its tangent, and that plus the square of
+    /// how far from the half's middle, over twice the distance.
     #[inline(always)]
     pub fn starts<S: Lanes>(&self, s: S, leaf: &LeafSight, voxel_m: f32) -> ([i32; LANES], u16) {
         let [x, y, z] = load3(s, &self.0);
