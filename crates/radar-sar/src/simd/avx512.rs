@@ -35,8 +35,7 @@ impl Lanes for Avx512 {
     type F = __m512;
     type I = __m512i;
     type M = __mmask16;
-    type Table = Self::F;
-    const NEAR_IS_FASTER: bool = false;
+    tables_in_registers!();
 
     lanewise! {
         add(a: F, b: F) -> F = _mm512_add_ps;
@@ -119,18 +118,6 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn permute(self, table: Self::F, index: Self::I) -> Self::F {
         avx512!(_mm512_permutexvar_ps(index, table))
-    }
-    #[inline(always)]
-    fn table(self, entries: Self::F) -> Self::Table {
-        entries
-    }
-    #[inline(always)]
-    fn entries(self, table: &Self::Table) -> Self::F {
-        *table
-    }
-    #[inline(always)]
-    fn permute_near(self, table: &Self::Table, _: [i32; 2], index: Self::I) -> Self::F {
-        self.permute(*table, index)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {

@@ -91,6 +91,7 @@ pub(crate) trait Lanes: Copy {
     /// The lanes of `table` that the low four bits of the index select: one instruction, where a
     /// gather from memory takes seventeen.
     fn permute(self, table: Self::F, index: Self::I) -> Self::F;
+    /// The table with these entries, and the entries of a table.
     fn table(self, entries: Self::F) -> Self::Table;
     fn entries(self, table: &Self::Table) -> Self::F;
     /// The same as [`permute`](Self::permute) where, in each half of the lanes, every index is one of the eight from the

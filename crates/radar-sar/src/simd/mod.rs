@@ -26,6 +26,27 @@ macro_rules! lanewise {
     )+};
 }
 
+/// Tables of [`Lanes`] that stay in registers, where a permute among all sixteen entries is as fast as any.
+macro_rules! tables_in_registers {
+    () => {
+        type Table = Self::F;
+        const NEAR_IS_FASTER: bool = false;
+
+        #[inline(always)]
+        fn table(self, entries: Self::F) -> Self::Table {
+            entries
+        }
+        #[inline(always)]
+        fn entries(self, table: &Self::Table) -> Self::F {
+            *table
+        }
+        #[inline(always)]
+        fn permute_near(self, table: &Self::Table, _: [i32; 2], index: Self::I) -> Self::F {
+            self.permute(*table, index)
+        }
+    };
+}
+
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]

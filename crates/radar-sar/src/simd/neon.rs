@@ -37,8 +37,7 @@ impl Lanes for Neon {
     type F = [float32x4_t; 4];
     type I = [int32x4_t; 4];
     type M = [uint32x4_t; 4];
-    type Table = Self::F;
-    const NEAR_IS_FASTER: bool = false;
+    tables_in_registers!();
 
     lanewise! {
         add(a: F, b: F) -> F = vaddq_f32;
@@ -141,18 +140,6 @@ impl Lanes for Neon {
         let bytes = self.bytes_of_entries::<16>(index);
         let four = [Self::four_registers(table); 4];
         apply!(among_16, four, bytes)
-    }
-    #[inline(always)]
-    fn table(self, entries: Self::F) -> Self::Table {
-        entries
-    }
-    #[inline(always)]
-    fn entries(self, table: &Self::Table) -> Self::F {
-        *table
-    }
-    #[inline(always)]
-    fn permute_near(self, table: &Self::Table, _: [i32; 2], index: Self::I) -> Self::F {
-        self.permute(*table, index)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {

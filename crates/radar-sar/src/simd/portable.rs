@@ -34,8 +34,7 @@ impl Lanes for Portable {
     type F = [f32; LANES];
     type I = [i32; LANES];
     type M = [bool; LANES];
-    type Table = Self::F;
-    const NEAR_IS_FASTER: bool = false;
+    tables_in_registers!();
 
     lanewise! {
         add(a: F, b: F) -> F = |a, b| a + b;
@@ -107,18 +106,6 @@ impl Lanes for Portable {
     #[inline(always)]
     fn permute(self, table: Self::F, index: Self::I) -> Self::F {
         from_fn(|l| table[index[l] as usize % LANES])
-    }
-    #[inline(always)]
-    fn table(self, entries: Self::F) -> Self::Table {
-        entries
-    }
-    #[inline(always)]
-    fn entries(self, table: &Self::Table) -> Self::F {
-        *table
-    }
-    #[inline(always)]
-    fn permute_near(self, table: &Self::Table, _: [i32; 2], index: Self::I) -> Self::F {
-        self.permute(*table, index)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {
