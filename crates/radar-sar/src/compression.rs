@@ -272,7 +272,10 @@ impl Kernel for Filter<'_> {
         for at in (0..re.len()).step_by(LANES) {
             let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
             for k in 0..taps.len().min(taps_next.len()) {
-                let (x, y) = (sixteen(s, &self.samples[0], at + k), sixteen(s, &self.samples[1], at + k));
+                let [Some(x), Some(y)] = [window(&self.samples[0], at + k), window(&self.samples[1], at + k)] else {
+                    break;
+                };
+                let (x, y) = (s.load(x), s.load(y));
                 let (tap, tap_next) = (s.splat(taps[k]), s.splat(taps_next[k]));
                 (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
                 (c, d) = (s.mul_add(x, tap_next, c), s.mul_add(y, tap_next, d));
@@ -285,14 +288,18 @@ impl Kernel for Filter<'_> {
     }
 }
 
-/// Sixteen values from an index on; all must exist. One comparison, where [`Lanes::load_at`] takes
-/// two: the loop over the taps does little else.
+/// N values from an index on. One comparison for all of them: the loops over the taps do little
+/// else.
 #[inline(always)]
-fn sixteen<S: Lanes>(s: S, values: &[f32], at: usize) -> S::F {
-    match values[at..].first_chunk() {
-        Some(values) => s.load(values),
-        None => s.splat(0.0),
-    }
+fn window<const N: usize>(values: &[f32], at: usize) -> Option<&[f32; N]> {
+    values.get(at..)?.first_chunk()
+}
+
+/// Two times sixteen of thirty-two values.
+#[inline(always)]
+fn halves<S: Lanes>(s: S, values: &[f32; 2 * LANES]) -> [S::F; 2] {
+    let (Some(first), Some(last)) = (values.first_chunk(), values.last_chunk()) else { return [s.splat(0.0); 2] };
+    [s.load(first), s.load(last)]
 }
 
 /// One phase of the filter over both parts of the samples, thirty-two values at once.
@@ -311,10 +318,10 @@ impl Kernel for FilterOne<'_> {
         for at in (0..re.len()).step_by(2 * LANES) {
             let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
             for (k, tap) in self.taps.iter().enumerate() {
-                let tap = s.splat(*tap);
-                (a, b) = (s.mul_add(sixteen(s, x, at + k), tap, a), s.mul_add(sixteen(s, y, at + k), tap, b));
-                let next = at + LANES + k;
-                (c, d) = (s.mul_add(sixteen(s, x, next), tap, c), s.mul_add(sixteen(s, y, next), tap, d));
+                let [Some(x), Some(y)] = [window(x, at + k), window(y, at + k)] else { break };
+                let (tap, [x, x_next], [y, y_next]) = (s.splat(*tap), halves(s, x), halves(s, y));
+                (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
+                (c, d) = (s.mul_add(x_next, tap, c), s.mul_add(y_next, tap, d));
             }
             re[at..at + LANES].copy_from_slice(&s.store(a));
             im[at..at + LANES].copy_from_slice(&s.store(b));
