@@ -103,9 +103,11 @@ fn interval_maxima(stack: &SweepStack, slot: usize) -> impl Iterator<Item = f64>
         Statistic::Coherent if c[n] > 0.0 => (f64::from(a[n]).powi(2) + f64::from(b[n]).powi(2)) / f64::from(c[n]),
         _ => 0.0,
     };
+    let linear = move |n: usize| f64::from(a[n].max(a[n] + slopes[n])).max(0.0);
     (0..stack.stride).map(move |n| match statistic {
         Statistic::Glrt | Statistic::Coherent => power(n).max(power((n + 1).min(stack.stride - 1))),
-        _ => f64::from(a[n].max(a[n] + slopes[n])).max(0.0),
+        Statistic::Ls | Statistic::Log => linear(n).max(stack.parabolas(slot).greatest_between(n)),
+        _ => linear(n),
     })
 }
 

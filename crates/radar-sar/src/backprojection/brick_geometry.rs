@@ -10,7 +10,7 @@
 
 use super::sweep_stack::{Group, SweepStack, WIDE_WINDOW, WINDOW};
 use crate::math;
-use crate::simd::{LANES, Lanes, dot, load3, scale3, splat3, store3, sub3};
+use crate::simd::{LANES, Lanes, dot, load3, splat3, store3, sub3};
 
 /// Voxels along a brick's edge. Choice: a layer fills the lanes of a vector, and a brick is small
 /// enough for an expansion to third order.
@@ -30,8 +30,9 @@ pub(super) struct BrickShape {
     /// corner.
     pub half_m: f32,
     pub radius_m: f32,
-    /// Least distance at which the expansion is accurate enough.
+    /// Least distance at which the expansion is accurate enough, and without its terms of third order.
     nearest_m: f32,
+    nearest_second_order_m: f32,
 }
 
 impl BrickShape {
@@ -39,12 +40,15 @@ impl BrickShape {
     pub(super) fn new(voxel_m: f64, error_m: f64) -> Self {
         let half_m = voxel_m * (EDGE as f64 - 1.0) * 0.5;
         let radius_m = half_m * 3f64.sqrt();
-        let nearest_m = radius_m + math::cbrt(radius_m.powi(4) / (8.0 * error_m));
+        let nearest = |error_m: f64| radius_m + math::cbrt(radius_m.powi(4) / (8.0 * error_m));
+        // (|δ|² − q²)·q is at most 2ρ³/√27. Of the error, nine tenths for this and one for the rest.
+        let third_order = (radius_m.powi(3) / 27f64.sqrt() / (0.9 * error_m)).sqrt();
         Self {
             voxel_m: voxel_m as f32,
             half_m: half_m as f32,
             radius_m: radius_m as f32,
-            nearest_m: nearest_m.max(2.0 * radius_m) as f32,
+            nearest_m: nearest(error_m).max(2.0 * radius_m) as f32,
+            nearest_second_order_m: nearest(0.1 * error_m).max(2.0 * radius_m).max(third_order) as f32,
         }
     }
 
@@ -64,8 +68,13 @@ pub(super) struct Sweeps<S: Lanes> {
     pub first: S::F,
     pub last: S::F,
     pub per_m: S::F,
+    /// Coarse entries per entry.
+    pub coarse_per_entry: S::F,
     pub time_per_m: S::F,
     pub time_at_zero: S::F,
+    pub start: [S::F; 3],
+    pub drift: [S::F; 3],
+    pub drift_squared: S::F,
 }
 
 impl<S: Lanes> Sweeps<S> {
@@ -79,8 +88,12 @@ impl<S: Lanes> Sweeps<S> {
             first: s.load(&group.first_m),
             last: s.load(&group.last_m),
             per_m: s.load(&group.entries_per_m),
+            coarse_per_entry: s.load(&group.coarse_per_entry),
             time_per_m: s.load(&group.time_s_per_m),
             time_at_zero: s.load(&group.time_at_zero_s),
+            start: load3(s, &group.start_m),
+            drift: load3(s, &group.drift),
+            drift_squared: s.load(&group.drift_squared),
         }
     }
 
@@ -96,8 +109,12 @@ impl<S: Lanes> Sweeps<S> {
             first: s.splat(group.first_m[l]),
             last: s.splat(group.last_m[l]),
             per_m: s.splat(group.entries_per_m[l]),
+            coarse_per_entry: s.splat(group.coarse_per_entry[l]),
             time_per_m: s.splat(group.time_s_per_m[l]),
             time_at_zero: s.splat(group.time_at_zero_s[l]),
+            start: lane3(s, &group.start_m, l),
+            drift: lane3(s, &group.drift, l),
+            drift_squared: s.splat(group.drift_squared[l]),
         }
     }
 }
@@ -113,6 +130,10 @@ pub(super) struct Sight {
     /// Lanes whose window needs only its first eight entries, or sixteen.
     pub within_8: u16,
     pub within_16: u16,
+    /// Lanes whose voxels lie within eight coarse entries.
+    pub within_8_coarse: u16,
+    /// Lanes whose distances are accurate enough without terms of third order.
+    pub second_order: u16,
     /// Unit vector from the sensor, when it sampled points at the brick's range, to the brick's
     /// centre.
     pub toward: [[f32; LANES]; 3],
@@ -152,18 +173,21 @@ impl Sight {
         shape: &BrickShape,
     ) -> Self {
         let radius = s.splat(shape.radius_m);
-        let velocity = sweeps.velocity;
+        // The distance d solves |p − drift·d| = d, with p from where the sensor samples range zero.
+        let (from_start, drift) = (sub3(s, center, sweeps.start), sweeps.drift);
+        let along = dot(s, from_start, drift);
+        let square = dot(s, from_start, from_start);
+        let root = s.sqrt(s.neg_mul_add(square, sweeps.drift_squared, s.mul_add(along, along, square)));
+        let distance = s.sub(root, along);
+        let distance = s.mul_add(distance, sweeps.drift_squared, distance);
+        let per_m = s.div(s.splat(1.0), s.max(distance, s.splat(1e-6)));
+        let mut toward = from_start;
+        for (toward, drift) in toward.iter_mut().zip(drift) {
+            *toward = s.mul(s.neg_mul_add(drift, distance, *toward), per_m);
+        }
+        let stretch = s.sub(s.splat(1.0), dot(s, toward, drift));
         let from_pose = sub3(s, center, sweeps.position);
         let pose_distance = s.sqrt(dot(s, from_pose, from_pose));
-        let (time_per_m, time_at_zero) = (sweeps.time_per_m, sweeps.time_at_zero);
-        let time = s.mul_add(pose_distance, time_per_m, time_at_zero);
-        let first = sub3(s, from_pose, scale3(s, velocity, time));
-        let time = s.mul_add(s.sqrt(dot(s, first, first)), time_per_m, time_at_zero);
-        let offset = sub3(s, from_pose, scale3(s, velocity, time));
-        let distance = s.sqrt(dot(s, offset, offset));
-        let per_m = s.div(s.splat(1.0), s.max(distance, s.splat(1e-6)));
-        let toward = scale3(s, offset, per_m);
-        let stretch = s.neg_mul_add(dot(s, toward, velocity), time_per_m, s.splat(1.0));
         let cos = s.div(dot(s, from_pose, sweeps.forward), s.max(pose_distance, s.splat(1e-6)));
 
         // Ranges of the voxels: at least the tangent plane's, at most that plus the curvature.
@@ -176,7 +200,7 @@ impl Sight {
         let (range_first, range_last, per_entry) = (sweeps.first, sweeps.last, sweeps.per_m);
         let span = s.mul(s.sub(most, least), per_entry);
         let fits = s.at_most(span, s.splat(WINDOW as f32 - 3.0));
-        let fits_wide = s.at_most(span, s.splat(WIDE_WINDOW as f32 - 4.0));
+        let fits_wide = s.at_most(span, s.splat(WIDE_WINDOW as f32 - 8.0));
         let mut inside = s.and(s.at_most(range_first, least), s.at_most(most, range_last));
         inside = s.and(inside, s.and(fits, s.at_most(s.splat(shape.nearest_m), distance)));
 
@@ -187,13 +211,12 @@ impl Sight {
             s.and(s.at_most(range_first, s.add(distance, wide)), s.at_most(s.sub(distance, wide), range_last));
         if stack.beam.cut_cos > -1.0 {
             // The direction to a voxel differs from the centre's by at most 2ρ/(2d − ρ).
-            let room = s.sub(s.add(pose_distance, pose_distance), radius);
-            let turn = s.div(s.add(radius, radius), s.max(room, s.splat(1e-6)));
-            let turn = s.add(turn, s.splat(1e-6));
-            let cut = s.splat(stack.beam.cut_cos);
+            let room = s.max(s.sub(s.add(pose_distance, pose_distance), radius), s.splat(1e-6));
+            let turn = s.mul_add(room, s.splat(1e-6), s.add(radius, radius));
+            let outside = s.mul(s.sub(s.splat(stack.beam.cut_cos), cos), room);
             let near = s.at_most(pose_distance, s.add(radius, radius));
-            some = s.and(some, s.or(near, s.at_most(cut, s.add(cos, turn))));
-            inside = s.and(inside, s.at_most(cut, s.sub(cos, turn)));
+            some = s.and(some, s.or(near, s.at_most(outside, turn)));
+            inside = s.and(inside, s.at_most(turn, s.sub(s.splat(0.0), outside)));
         }
         let inside = if stack.beam.solid { s.mask_bits(inside) } else { 0 };
 
@@ -205,6 +228,8 @@ impl Sight {
             edge: s.mask_bits(some) & !inside,
             wide: s.mask_bits(fits_wide),
             within_8: s.mask_bits(s.at_most(span, s.splat(8.0 - SPARE_ENTRIES))),
+            within_8_coarse: s.mask_bits(s.at_most(s.mul(span, sweeps.coarse_per_entry), s.splat(8.0 - SPARE_ENTRIES))),
+            second_order: s.mask_bits(s.at_most(s.splat(shape.nearest_second_order_m), distance)),
             within_16: s.mask_bits(s.at_most(span, s.splat(16.0 - SPARE_ENTRIES))),
             toward: store3(s, toward),
             offset_from_pose_m: store3(s, from_pose),

@@ -71,8 +71,7 @@ impl<'a> Bricks<'a> {
         let (stack, shape) = (self.stack, self.shape);
         let center = self.grid.brick_center(brick, stack.origin_m());
         if stack.sums_whole_numbers() {
-            let found = AddPower { stack, shape, center, slots: &self.slots }.sums();
-            (found.sums.map(|sum| stack.value_of(sum)), found.updates)
+            AddPower { stack, shape, center, slots: &self.slots }.values()
         } else {
             let found = AddWeighted { stack, shape, center }.values();
             (found.values, found.updates)

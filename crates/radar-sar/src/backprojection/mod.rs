@@ -7,6 +7,7 @@ mod beam_table;
 mod bounds;
 mod brick_geometry;
 mod dense;
+mod edge_geometry;
 mod grid;
 mod power;
 #[cfg(feature = "rolling")]

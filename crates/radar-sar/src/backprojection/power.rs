@@ -6,11 +6,9 @@
 //! 64 bits before they could overflow.
 
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
-use super::sweep_stack::{HALF_WINDOW, SweepStack, WIDE_WINDOW, WINDOW};
-use crate::simd::{Kernel, LANES, Lanes, add3, dot, lane3, load3, on_widest, scale3, splat3, sub3};
-
-/// Greatest error of a distance, metres. Choice: 1 % of the widest table step.
-const DISTANCE_ERROR_M: f64 = 5e-5;
+use super::edge_geometry::{AtEdge, DISTANCE_ERROR_M, Edges, Exact, from_sensor, fully_visible, read};
+use super::sweep_stack::{Parabolas, SweepStack, WINDOW, window};
+use crate::simd::{Kernel, LANES, Lanes, lane3, on_widest};
 
 /// A brick shape accurate enough for these sums.
 pub(super) fn power_shape(voxel_m: f64) -> BrickShape {
@@ -40,6 +38,11 @@ impl AddPower<'_> {
     pub(super) fn sums(self) -> PowerSums {
         on_widest(self)
     }
+
+    /// The same as values of the statistic.
+    pub(super) fn values(self) -> ([f32; VOXELS], u64) {
+        on_widest(PowerValues(self))
+    }
 }
 
 impl Kernel for AddPower<'_> {
@@ -47,115 +50,192 @@ impl Kernel for AddPower<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> PowerSums {
+        let (inner, edge, updates) = self.accumulate(s);
+        let mut sums = [0; VOXELS];
+        inner.add_to(s, &mut sums);
+        edge.add_to(s, &mut sums);
+        PowerSums { sums, updates }
+    }
+}
+
+struct PowerValues<'a>(AddPower<'a>);
+
+impl Kernel for PowerValues<'_> {
+    type Out = ([f32; VOXELS], u64);
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) -> Self::Out {
+        let stack = self.0.stack;
+        let (inner, edge, updates) = self.0.accumulate(s);
+        let mut values = [0.0; VOXELS];
+        if inner.is_narrow && edge.is_narrow && inner.greatest + edge.greatest <= i64::from(i32::MAX) {
+            // The step is a power of two, so this rounds as `value_of` does.
+            let step = s.splat(stack.step() as f32);
+            for (layer, values) in values.chunks_exact_mut(LANES).enumerate() {
+                let sum = s.max_int(s.add_int(inner.narrow[layer], edge.narrow[layer]), s.splat_int(0));
+                values.copy_from_slice(&s.store(s.mul(s.to_float(sum), step)));
+            }
+            return (values, updates);
+        }
+        let mut sums = [0; VOXELS];
+        inner.add_to(s, &mut sums);
+        edge.add_to(s, &mut sums);
+        for (value, sum) in values.iter_mut().zip(sums) {
+            *value = stack.value_of(sum);
+        }
+        (values, updates)
+    }
+}
+
+impl AddPower<'_> {
+    /// Sums of the sweeps that see the whole brick, of the others, and the updates. Apart, so that
+    /// the former stay in registers.
+    #[inline(always)]
+    fn accumulate<S: Lanes>(&self, s: S) -> (Accumulator<S>, Accumulator<S>, u64) {
         let (offsets, heights) = (Offsets::new(s, &self.shape), self.shape.heights());
-        let mut out = PowerSums { sums: [0; VOXELS], updates: 0 };
-        // Separate sums for the two paths: those of the inner path stay in registers.
-        let (mut sums, mut greatest) = ([s.splat_int(0); EDGE], 0i64);
-        let (mut edge_sums, mut edge_greatest) = ([s.splat_int(0); EDGE], 0i64);
+        let (mut inner, mut outer) = (Accumulator::new(s), Accumulator::new(s));
+        let mut updates = 0;
         for &(group, lanes) in self.slots {
-            let sight = Sight::new(s, self.stack, &self.stack.groups[group], self.center, &self.shape);
+            let sweeps = &self.stack.groups[group];
+            let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
             let (mut inside, mut edge) = (sight.inside & lanes, sight.edge & lanes);
-            out.updates += u64::from(inside.count_ones() + edge.count_ones()) * VOXELS as u64;
+            updates += u64::from(inside.count_ones() + edge.count_ones()) * VOXELS as u64;
+            let wide = edge & sight.wide;
+            // A wide window spans at most a window of such coarse entries.
+            let per_entry = s.load(&sweeps.coarse_per_entry);
+            let parabolic = s.mask_bits(s.at_most(per_entry, s.splat(0.25)));
             let mut whole = 0;
-            if edge & sight.wide != 0 {
-                whole = edge & sight.wide & fully_visible(s, self.stack, group, &sight, &self.shape);
+            if wide != 0 {
+                whole = wide & fully_visible(s, self.stack, group, &sight, &self.shape);
                 edge &= !whole;
+            }
+            let mut coarse = CoarseWindows::NONE;
+            if inside & !sight.within_8 | wide != 0 {
+                coarse = CoarseWindows::of(s, &sight, per_entry);
             }
             while inside != 0 {
                 let l = inside.trailing_zeros() as usize;
                 inside &= inside - 1;
                 let slot = group * LANES + l;
-                greatest += self.stack.greatest(slot);
-                if greatest > i64::from(i32::MAX) {
-                    widen(s, &mut sums, &mut out.sums);
-                    greatest = self.stack.greatest(slot);
-                }
-                add_inside(s, &sight, l, self.stack.table(slot, 0), self.stack.stride, &offsets, &mut sums);
+                inner.expect(s, self.stack.greatest(slot));
+                add_inside(s, self.stack, slot, &sight, &coarse, l, &offsets, &mut inner.narrow);
             }
             while whole != 0 {
                 let l = whole.trailing_zeros() as usize;
                 whole &= whole - 1;
                 let slot = group * LANES + l;
-                edge_greatest += self.stack.greatest(slot);
-                if edge_greatest > i64::from(i32::MAX) {
-                    widen(s, &mut edge_sums, &mut out.sums);
-                    edge_greatest = self.stack.greatest(slot);
+                outer.expect(s, self.stack.greatest(slot));
+                let exact = Exact::new(s, from_sensor(&sight, l), &offsets, heights);
+                if parabolic >> l & 1 == 1 {
+                    add_exact_parabolic(s, &sight, &coarse, l, &self.stack.parabolas(slot), &exact, &mut outer.narrow);
+                } else {
+                    add_exact(s, &sight, l, self.stack.values(slot), &exact, &mut outer.narrow);
                 }
-                let (halves, greatest) = (self.stack.table(slot, 1), self.stack.greatest(slot));
-                add_fully_visible(s, &sight, l, halves, &offsets, heights, greatest, &mut edge_sums);
             }
             while edge != 0 {
                 let l = edge.trailing_zeros() as usize;
                 edge &= edge - 1;
-                let slot = group * LANES + l;
-                edge_greatest += self.stack.greatest(slot);
-                if edge_greatest > i64::from(i32::MAX) {
-                    widen(s, &mut edge_sums, &mut out.sums);
-                    edge_greatest = self.stack.greatest(slot);
+                outer.expect(s, self.stack.greatest(group * LANES + l));
+                let edges = Edges::new(s, self.stack, group, &sight, l, &offsets, heights);
+                let sums = &mut outer.narrow;
+                if (wide & parabolic) >> l & 1 == 1 {
+                    add_edge_parabolic(s, self.stack, group, &coarse, l, &edges, &offsets, sums);
+                } else {
+                    add_edge(s, self.stack, group, &sight, l, &edges, &offsets, sums);
                 }
-                add_edge(s, self.stack, group, &sight, l, &offsets, heights, &mut edge_sums);
             }
         }
-        widen(s, &mut sums, &mut out.sums);
-        widen(s, &mut edge_sums, &mut out.sums);
-        out
+        (inner, outer, updates)
     }
 }
 
-/// Moves 32-bit sums to 64 bits.
+/// Sums over a brick: in 32 bits as long as they fit.
+struct Accumulator<S: Lanes> {
+    narrow: [S::I; EDGE],
+    /// Greatest possible value of the narrow sums.
+    greatest: i64,
+    is_narrow: bool,
+    wide: [i64; VOXELS],
+}
+
+impl<S: Lanes> Accumulator<S> {
+    #[inline(always)]
+    fn new(s: S) -> Self {
+        Self { narrow: [s.splat_int(0); EDGE], greatest: 0, is_narrow: true, wide: [0; VOXELS] }
+    }
+
+    /// Makes room for a sweep that adds at most so much.
+    #[inline(always)]
+    fn expect(&mut self, s: S, most: i64) {
+        self.greatest += most;
+        if self.greatest > i64::from(i32::MAX) {
+            add_wide(s, &self.narrow, &mut self.wide);
+            (self.narrow, self.greatest, self.is_narrow) = ([s.splat_int(0); EDGE], most, false);
+        }
+    }
+
+    #[inline(always)]
+    fn add_to(&self, s: S, sums: &mut [i64; VOXELS]) {
+        add_wide(s, &self.narrow, sums);
+        for (sum, wide) in sums.iter_mut().zip(self.wide) {
+            *sum += wide;
+        }
+    }
+}
+
 #[inline(always)]
-fn widen<S: Lanes>(s: S, sums: &mut [S::I; EDGE], into: &mut [i64; VOXELS]) {
-    for (layer, sum) in sums.iter_mut().enumerate() {
+fn add_wide<S: Lanes>(s: S, narrow: &[S::I; EDGE], wide: &mut [i64; VOXELS]) {
+    for (layer, sum) in narrow.iter().enumerate() {
         let values = s.store_int(*sum);
         for (l, value) in values.iter().enumerate() {
-            into[layer * LANES + l] += i64::from(*value);
+            wide[layer * LANES + l] += i64::from(*value);
         }
-        *sum = s.splat_int(0);
     }
 }
 
-/// All voxels are within range and beam: the window of the table is in registers. The fewer entries
+/// All voxels are within range and beam: the window of the tables is in registers. The fewer entries
 /// it needs, the fewer permutes where registers have eight lanes.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)]
 pub(super) fn add_inside<S: Lanes>(
     s: S,
+    stack: &SweepStack,
+    slot: usize,
     sight: &Sight,
+    coarse: &CoarseWindows,
     l: usize,
-    table: &[f32],
-    stride: usize,
     offsets: &Offsets<S>,
     sums: &mut [S::I; EDGE],
 ) {
-    if sight.within_8 >> l & 1 == 1 {
-        add_from::<S, 8>(s, sight, l, table, stride, offsets, sums);
-    } else if sight.within_16 >> l & 1 == 1 {
-        add_from::<S, 16>(s, sight, l, table, stride, offsets, sums);
+    if (sight.within_8 & sight.second_order) >> l & 1 == 1 {
+        add_linear::<S, 2>(s, sight, l, stack.table(slot, 0), offsets, sums);
+    } else if sight.within_8 >> l & 1 == 1 {
+        add_linear::<S, 3>(s, sight, l, stack.table(slot, 0), offsets, sums);
+    } else if sight.within_8_coarse >> l & 1 == 1 {
+        add_parabolic::<S, 8>(s, sight, coarse, l, &stack.parabolas(slot), offsets, sums);
     } else {
-        add_from::<S, WINDOW>(s, sight, l, table, stride, offsets, sums);
+        // An entry at most half as fine: a brick that spans a window spans half of it.
+        add_parabolic::<S, { WINDOW / 2 }>(s, sight, coarse, l, &stack.parabolas(slot), offsets, sums);
     }
 }
 
-/// The same, from a window of N entries.
+/// From eight entries, with distances to second or third order.
 #[inline(always)]
-fn add_from<S: Lanes, const N: usize>(
+fn add_linear<S: Lanes, const ORDER: usize>(
     s: S,
     sight: &Sight,
     l: usize,
     table: &[f32],
-    stride: usize,
     offsets: &Offsets<S>,
     sums: &mut [S::I; EDGE],
 ) {
     let first = sight.window[l] as usize;
-    let (Some(values), Some(slopes)) = (window::<N>(table, first), window::<N>(table, stride + first)) else { return };
-    let [ux, uy, uz] = lane3(s, &sight.toward, l);
-    let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
-    let (half, half2) = (s.splat(sight.half_per_m[l]), s.splat(sight.half_per_m2[l]));
+    let (values, slopes) = table.split_at(table.len() / 2);
+    let (Some(values), Some(slopes)) = (window::<8>(values, first), window::<8>(slopes, first)) else { return };
+    let deviations = Deviations::new(s, sight, l, offsets);
     let (per_m, entry) = (s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
     for (layer, sum) in sums.iter_mut().enumerate() {
-        let q = s.mul_add(offsets.z[layer], uz, flat);
-        let deviation = s.mul_add(s.neg_mul_add(q, q, offsets.squared[layer]), s.neg_mul_add(q, half2, half), q);
-        let at = s.mul_add(deviation, per_m, entry);
+        let at = s.mul_add(deviations.in_layer::<ORDER>(s, offsets, layer), per_m, entry);
         let whole = s.floor(at);
         let n = s.to_int(whole);
         let value = s.mul_add(s.sub(at, whole), s.look_up(slopes, n), s.look_up(values, n));
@@ -163,276 +243,159 @@ fn add_from<S: Lanes, const N: usize>(
     }
 }
 
+/// From N coarse entries.
 #[inline(always)]
-pub(super) fn window<const N: usize>(table: &[f32], first: usize) -> Option<&[f32; N]> {
-    table.get(first..)?.first_chunk()
-}
-
-/// Geometry of one sweep and a brick's voxels, each voxel separately.
-pub(super) struct Edges<'a, S: Lanes> {
-    stack: &'a SweepStack,
-    from_pose: Exact<S>,
-    along: Along<S>,
-    first: S::F,
-    last: S::F,
-    /// If the sensor moves while it samples: the centre relative to its pose, its velocity, and the
-    /// sampling times (per metre and at zero).
-    moving: Option<([f32; 3], [f32; 3], [f32; 2])>,
-}
-
-impl<'a, S: Lanes> Edges<'a, S> {
-    #[inline(always)]
-    pub(super) fn new(
-        s: S,
-        stack: &'a SweepStack,
-        group: usize,
-        sight: &Sight,
-        l: usize,
-        offsets: &Offsets<S>,
-        heights: [f32; EDGE],
-    ) -> Self {
-        let sweeps = &stack.groups[group];
-        let from_pose = lane_vector(&sight.offset_from_pose_m, l);
-        let velocity = lane_vector(&sweeps.velocity_m_per_s, l);
-        let mut moving = None;
-        if velocity != [0.0; 3] {
-            moving = Some((from_pose, velocity, [sweeps.time_s_per_m[l], sweeps.time_at_zero_s[l]]));
-        }
-        Self {
-            stack,
-            from_pose: Exact::new(s, from_pose, offsets, heights),
-            along: Along::new(s, from_pose, lane_vector(&sweeps.forward, l), offsets, heights),
-            // A point at the sensor itself has no direction and does not count.
-            first: s.splat(sweeps.first_m[l].max(f32::MIN_POSITIVE)),
-            last: s.splat(sweeps.last_m[l]),
-            moving,
-        }
-    }
-
-    /// One layer's voxels.
-    #[inline(always)]
-    pub(super) fn layer(&self, s: S, offsets: &Offsets<S>, layer: usize) -> AtEdge<S> {
-        let pose_distance = s.sqrt(self.from_pose.squares(s, layer));
-        let mut distance = pose_distance;
-        if let Some(([x, y, z], velocity, [time_per_m, time_at_zero])) = self.moving {
-            // The time at which points at about this range were sampled, and the sensor's
-            // displacement by then.
-            let time = s.mul_add(pose_distance, s.splat(time_per_m), s.splat(time_at_zero));
-            let from_pose = add3(s, offsets.layer(layer), splat3(s, [x, y, z]));
-            let from = sub3(s, from_pose, scale3(s, splat3(s, velocity), time));
-            distance = s.sqrt(dot(s, from, from));
-        }
-        let mut counts = s.and(s.at_most(self.first, distance), s.at_most(distance, self.last));
-        let mut along = pose_distance;
-        if !self.stack.beam.uniform {
-            along = self.along.at(s, layer);
-            if self.stack.beam.cut_cos > -1.0 {
-                counts = s.and(counts, s.at_most(s.mul(pose_distance, s.splat(self.stack.beam.cut_cos)), along));
-            }
-        }
-        AtEdge { distance, pose_distance, along, counts }
-    }
-}
-
-/// One sweep's geometry at one layer's voxels, each separately.
-pub(super) struct AtEdge<S: Lanes> {
-    /// Distance from the sensor when it sampled points at about this range.
-    pub distance: S::F,
-    /// Distance from the sweep's pose, and its component along the boresight.
-    pub pose_distance: S::F,
-    pub along: S::F,
-    /// Which voxels lie within range and beam.
-    pub counts: S::M,
-}
-
-impl<S: Lanes> AtEdge<S> {
-    /// Cosine to the boresight.
-    #[inline(always)]
-    pub(super) fn cos(&self, s: S) -> S::F {
-        let cos = s.div(self.along, s.max(self.pose_distance, s.splat(1e-9)));
-        s.min(s.max(cos, s.splat(-1.0)), s.splat(1.0))
-    }
-}
-
-/// Table positions of the voxels of the four layers: the entry before, and the fraction beyond it.
-pub(super) type Places<S> = [(<S as Lanes>::I, <S as Lanes>::F); EDGE];
-
-/// A table's values at these positions, linear between entries.
-#[inline(always)]
-pub(super) fn read<S: Lanes>(s: S, table: &[f32], sight: &Sight, l: usize, places: &Places<S>) -> [S::F; EDGE] {
-    let mut values = [s.splat(0.0); EDGE];
-    if let Some((first, window)) = wide_window(table, sight, l) {
-        // One window for all lookups, which stays in registers.
-        let (here, next) = (s.splat_int(-first), s.splat_int(1 - first));
-        for (value, &(n, rest)) in values.iter_mut().zip(places) {
-            let (here, next) = (s.add_int(n, here), s.add_int(n, next));
-            let (here, next) = (s.look_up(window, here), s.look_up(window, next));
-            *value = s.mul_add(rest, s.sub(next, here), here);
-        }
-        return values;
-    }
-    for (value, &(n, rest)) in values.iter_mut().zip(places) {
-        let (here, next) = s.gather_pairs(table, n);
-        *value = s.mul_add(rest, s.sub(next, here), here);
-    }
-    values
-}
-
-/// The window with all entries that a brick needs, and its first entry; `None` where the brick
-/// spans too many.
-#[inline(always)]
-fn wide_window<'a>(table: &'a [f32], sight: &Sight, l: usize) -> Option<(i32, &'a [f32; WIDE_WINDOW])> {
-    if sight.wide >> l & 1 == 0 {
-        return None;
-    }
-    // Moved down at the end of the table.
-    let first = (sight.window[l] as usize).min(table.len().checked_sub(WIDE_WINDOW)?);
-    Some((first as i32, table.get(first..)?.first_chunk()?))
-}
-
-/// Lanes at an edge whose voxels all count nevertheless: the brick is only too large or too near
-/// for the expansion. The direction to the sensor must be nearly constant within it, as far as the
-/// sensor's motion matters.
-#[inline(always)]
-pub(super) fn fully_visible<S: Lanes>(
-    s: S,
-    stack: &SweepStack,
-    group: usize,
-    sight: &Sight,
-    shape: &BrickShape,
-) -> u16 {
-    if !stack.beam.solid {
-        return 0;
-    }
-    let sweeps = &stack.groups[group];
-    let (distance, pose_distance) = (s.load(&sight.distance_m), s.load(&sight.pose_distance_m));
-    let (radius, half) = (s.splat(shape.radius_m), s.splat(shape.half_m));
-    // Ranges: at least the tangent plane's, at most that plus the curvature.
-    let slack = s.mul_add(s.abs(s.sub(s.load(&sight.stretch), s.splat(1.0))), radius, s.splat(1e-5));
-    let reach = s.mul_add(extent(s, load3(s, &sight.toward)), half, slack);
-    let bend = s.mul(s.mul(radius, radius), s.load(&sight.half_per_m));
-    let (near, far) = (s.sub(distance, reach), s.add(distance, s.add(reach, bend)));
-    let mut whole = s.and(s.at_most(s.load(&sweeps.first_m), near), s.at_most(far, s.load(&sweeps.last_m)));
-    whole = s.and(whole, s.at_most(s.splat(1e-3), near));
-    // Over the brick the direction turns by up to ρ/d, and the motion's contribution to the
-    // distance changes by that share.
-    let speed = extent(s, load3(s, &sweeps.velocity_m_per_s));
-    let moved = s.mul(speed, s.mul(s.load(&sweeps.time_s_per_m), s.splat(shape.radius_m * shape.radius_m)));
-    whole = s.and(whole, s.at_most(moved, s.mul(distance, s.splat(DISTANCE_ERROR_M as f32))));
-    if stack.beam.cut_cos > -1.0 {
-        // Component along the boresight against the cut's share of the distance: the least of the
-        // former, the greatest of the latter.
-        let reach = s.mul_add(extent(s, load3(s, &sweeps.forward)), half, s.splat(1e-5));
-        let along = s.sub(s.mul(s.load(&sight.cos), pose_distance), reach);
-        let least = s.mul(s.splat(stack.beam.cut_cos), s.add(pose_distance, s.splat(shape.radius_m + 1e-5)));
-        whole = s.and(whole, s.at_most(s.max(least, s.splat(0.0)), along));
-    }
-    s.mask_bits(whole)
-}
-
-/// |x| + |y| + |z|: the extent of a box with half-edges of 1 along a unit vector.
-#[inline(always)]
-pub(super) fn extent<S: Lanes>(s: S, [x, y, z]: [S::F; 3]) -> S::F {
-    s.add(s.add(s.abs(x), s.abs(y)), s.abs(z))
-}
-
-/// Exact distances of a brick's voxels from a point: |p + δ|², layer by layer.
-pub(super) struct Exact<S: Lanes> {
-    flat: S::F,
-    up: [f32; EDGE],
-}
-
-impl<S: Lanes> Exact<S> {
-    /// Of a brick whose centre lies at `from` relative to the point.
-    #[inline(always)]
-    pub(super) fn new(s: S, [x, y, z]: [f32; 3], offsets: &Offsets<S>, heights: [f32; EDGE]) -> Self {
-        let (x, y) = (s.add(offsets.x, s.splat(x)), s.add(offsets.y, s.splat(y)));
-        let [a, b, c, d] = [heights[0] + z, heights[1] + z, heights[2] + z, heights[3] + z];
-        Self { flat: s.mul_add(x, x, s.mul(y, y)), up: [a * a, b * b, c * c, d * d] }
-    }
-
-    /// Squared distances of a layer.
-    #[inline(always)]
-    pub(super) fn squares(&self, s: S, layer: usize) -> S::F {
-        s.add(self.flat, s.splat(self.up[layer]))
-    }
-}
-
-/// Component along a direction, layer by layer: (p + δ)·b.
-struct Along<S: Lanes> {
-    flat: S::F,
-    up: [f32; EDGE],
-}
-
-impl<S: Lanes> Along<S> {
-    #[inline(always)]
-    fn new(s: S, [x, y, z]: [f32; 3], [bx, by, bz]: [f32; 3], offsets: &Offsets<S>, heights: [f32; EDGE]) -> Self {
-        let (x, y) = (s.add(offsets.x, s.splat(x)), s.add(offsets.y, s.splat(y)));
-        let [a, b, c, d] = [heights[0] + z, heights[1] + z, heights[2] + z, heights[3] + z];
-        Self { flat: s.mul_add(x, s.splat(bx), s.mul(y, s.splat(by))), up: [a * bz, b * bz, c * bz, d * bz] }
-    }
-
-    #[inline(always)]
-    fn at(&self, s: S, layer: usize) -> S::F {
-        s.add(self.flat, s.splat(self.up[layer]))
-    }
-}
-
-/// One lane of three vectors.
-#[inline(always)]
-pub(super) fn lane_vector(v: &[[f32; LANES]; 3], l: usize) -> [f32; 3] {
-    [v[0][l], v[1][l], v[2][l]]
-}
-
-/// Vector to the brick's centre from the sensor when it sampled points at its range.
-#[inline(always)]
-pub(super) fn from_sensor(sight: &Sight, l: usize) -> [f32; 3] {
-    let ([x, y, z], distance) = (lane_vector(&sight.toward, l), sight.distance_m[l]);
-    [x * distance, y * distance, z * distance]
-}
-
-/// All voxels are within range and beam; each takes its own square root, in the table of every
-/// other entry.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn add_fully_visible<S: Lanes>(
+fn add_parabolic<S: Lanes, const N: usize>(
     s: S,
     sight: &Sight,
+    coarse: &CoarseWindows,
     l: usize,
-    table: &[f32],
+    parabolas: &Parabolas<'_>,
     offsets: &Offsets<S>,
-    heights: [f32; EDGE],
-    greatest: i64,
     sums: &mut [S::I; EDGE],
 ) {
-    let (start, apart) = (sight.window[l] as usize, table.len() / 4);
-    let (Some(values), Some(slopes), Some(turns)) =
-        (half(table, start / 2), half(table, apart + start / 2), half(table, 2 * apart + start / 2))
-    else {
-        return;
-    };
-    let exact = Exact::new(s, from_sensor(sight, l), offsets, heights);
-    let per_m = 0.5 * sight.entries_per_m[l];
-    let entry = 0.5 * (sight.entry[l] + (start % 2) as f32);
-    let (entry, per_m) = (s.splat((-per_m).mul_add(sight.distance_m[l], entry)), s.splat(per_m));
-    let (middle, zero, most) = (s.splat(0.5), s.splat(0.0), s.splat(greatest as f32));
+    let Some(parabolas) = parabolas.window::<N>(coarse.first[l] as usize) else { return };
+    let deviations = Deviations::new(s, sight, l, offsets);
+    let (per_m, entry) = (s.splat(coarse.entries_per_m[l]), s.splat(coarse.entry[l]));
     for (layer, sum) in sums.iter_mut().enumerate() {
-        let at = s.mul_add(s.sqrt(exact.squares(s, layer)), per_m, entry);
-        let whole = s.floor(at);
-        let (n, rest) = (s.to_int(whole), s.sub(at, whole));
-        let value = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
-        let value = s.mul_add(s.max(s.sub(rest, middle), zero), s.look_up(turns, n), value);
-        // Only rounding can leave the table's bounds.
-        *sum = s.add_int(*sum, s.to_int(s.max(s.min(value, most), zero)));
+        let at = s.mul_add(deviations.in_layer::<3>(s, offsets, layer), per_m, entry);
+        *sum = s.add_int(*sum, s.to_int(on_parabolas(s, parabolas, at)));
     }
 }
 
+/// Windows of coarse entries, lane by lane.
+pub(super) struct CoarseWindows {
+    /// First entry, and the centre's entry relative to it.
+    first: [i32; LANES],
+    entry: [f32; LANES],
+    entries_per_m: [f32; LANES],
+}
+
+impl CoarseWindows {
+    /// For lanes that need none.
+    const NONE: Self = Self { first: [0; LANES], entry: [0.0; LANES], entries_per_m: [0.0; LANES] };
+
+    /// `per_entry`: coarse entries per table entry.
+    #[inline(always)]
+    pub(super) fn of<S: Lanes>(s: S, sight: &Sight, per_entry: S::F) -> Self {
+        let start = s.mul(s.to_float(s.load_int(&sight.window)), per_entry);
+        let first = s.floor(start);
+        Self {
+            first: s.store_int(s.to_int(first)),
+            entry: s.store(s.mul_add(s.load(&sight.entry), per_entry, s.sub(start, first))),
+            entries_per_m: s.store(s.mul(s.load(&sight.entries_per_m), per_entry)),
+        }
+    }
+}
+
+/// Values at positions in coarse entries from the window's start on.
 #[inline(always)]
-fn half(table: &[f32], first: usize) -> Option<&[f32; HALF_WINDOW]> {
-    table.get(first..)?.first_chunk()
+fn on_parabolas<S: Lanes, const N: usize>(s: S, [a, b, c]: [&[f32; N]; 3], at: S::F) -> S::F {
+    let whole = s.floor(at);
+    let (n, t) = (s.to_int(whole), s.sub(at, whole));
+    let slope = s.mul_add(t, s.look_up(c, n), s.look_up(b, n));
+    s.mul_add(t, slope, s.look_up(a, n))
+}
+
+/// Distances of a brick's voxels relative to the centre's, for one sweep; to second or third order.
+struct Deviations<S: Lanes> {
+    flat: S::F,
+    up: S::F,
+    half: S::F,
+    half2: S::F,
+}
+
+impl<S: Lanes> Deviations<S> {
+    #[inline(always)]
+    fn new(s: S, sight: &Sight, l: usize, offsets: &Offsets<S>) -> Self {
+        let [ux, uy, uz] = lane3(s, &sight.toward, l);
+        let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
+        Self { flat, up: uz, half: s.splat(sight.half_per_m[l]), half2: s.splat(sight.half_per_m2[l]) }
+    }
+
+    #[inline(always)]
+    fn in_layer<const ORDER: usize>(&self, s: S, offsets: &Offsets<S>, layer: usize) -> S::F {
+        let q = s.mul_add(offsets.z[layer], self.up, self.flat);
+        let across = s.neg_mul_add(q, q, offsets.squared[layer]);
+        let half = if ORDER == 2 { self.half } else { s.neg_mul_add(q, self.half2, self.half) };
+        s.mul_add(across, half, q)
+    }
+}
+
+/// All voxels are within range and beam; each takes its own square root.
+#[inline(always)]
+fn add_exact_parabolic<S: Lanes>(
+    s: S,
+    sight: &Sight,
+    coarse: &CoarseWindows,
+    l: usize,
+    parabolas: &Parabolas<'_>,
+    exact: &Exact<S>,
+    sums: &mut [S::I; EDGE],
+) {
+    let Some(parabolas) = parabolas.window::<WINDOW>(coarse.first[l] as usize) else { return };
+    let per_m = coarse.entries_per_m[l];
+    let (entry, per_m) = (s.splat((-per_m).mul_add(sight.distance_m[l], coarse.entry[l])), s.splat(per_m));
+    for (layer, sum) in sums.iter_mut().enumerate() {
+        let at = s.mul_add(s.sqrt(exact.squares(s, layer)), per_m, entry);
+        *sum = s.add_int(*sum, s.to_int(on_parabolas(s, parabolas, at)));
+    }
+}
+
+/// The same from entries that are not coarse.
+#[inline(always)]
+fn add_exact<S: Lanes>(s: S, sight: &Sight, l: usize, values: &[f32], exact: &Exact<S>, sums: &mut [S::I; EDGE]) {
+    let per_m = sight.entries_per_m[l];
+    let entry = (-per_m).mul_add(sight.distance_m[l], sight.entry[l] + sight.window[l] as f32);
+    let (entry, per_m) = (s.splat(entry), s.splat(per_m));
+    let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
+    for (layer, place) in places.iter_mut().enumerate() {
+        let at = s.mul_add(s.sqrt(exact.squares(s, layer)), per_m, entry);
+        let whole = s.floor(at);
+        *place = (s.to_int(whole), s.sub(at, whole));
+    }
+    for (sum, value) in sums.iter_mut().zip(read(s, values, sight, l, &places)) {
+        *sum = s.add_int(*sum, s.to_int(value));
+    }
+}
+
+/// Which voxels of a layer count.
+#[inline(always)]
+fn counting<S: Lanes>(s: S, stack: &SweepStack, seen: &AtEdge<S>) -> S::M {
+    if stack.beam.solid {
+        return seen.counts;
+    }
+    let amplitude = super::beam_table::amplitude(s, &stack.beam, seen.cos(s));
+    s.and(seen.counts, s.at_most(s.splat(f32::MIN_POSITIVE), amplitude))
 }
 
 /// Some voxels may be out of range or beam: each is tested.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn add_edge_parabolic<S: Lanes>(
+    s: S,
+    stack: &SweepStack,
+    group: usize,
+    coarse: &CoarseWindows,
+    l: usize,
+    edges: &Edges<'_, S>,
+    offsets: &Offsets<S>,
+    sums: &mut [S::I; EDGE],
+) {
+    let (sweeps, parabolas) = (&stack.groups[group], stack.parabolas(group * LANES + l));
+    let Some(window) = parabolas.window::<WINDOW>(coarse.first[l] as usize) else { return };
+    let per_m = sweeps.entries_per_m[l] * parabolas.per_entry;
+    let first = (-sweeps.first_m[l]).mul_add(per_m, -(coarse.first[l] as f32));
+    let (per_m, first) = (s.splat(per_m), s.splat(first));
+    for (layer, sum) in sums.iter_mut().enumerate() {
+        let seen = edges.layer(s, offsets, layer);
+        let counts = counting(s, stack, &seen);
+        let value = on_parabolas(s, window, s.mul_add(seen.distance, per_m, first));
+        *sum = s.add_int(*sum, s.to_int(s.or_zero(counts, value)));
+    }
+}
+
+/// The same from entries that are not coarse, however many the brick spans.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn add_edge<S: Lanes>(
@@ -441,29 +404,23 @@ fn add_edge<S: Lanes>(
     group: usize,
     sight: &Sight,
     l: usize,
+    edges: &Edges<'_, S>,
     offsets: &Offsets<S>,
-    heights: [f32; EDGE],
     sums: &mut [S::I; EDGE],
 ) {
     let sweeps = &stack.groups[group];
-    let edges = Edges::new(s, stack, group, sight, l, offsets, heights);
     // First all table positions, then the values, so that lookups do not wait for each other.
     let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
-    let mut counting = [s.mask(0); EDGE];
-    for (layer, (place, counting)) in places.iter_mut().zip(&mut counting).enumerate() {
+    let mut counts = [s.mask(0); EDGE];
+    for (layer, (place, counts)) in places.iter_mut().zip(&mut counts).enumerate() {
         let seen = edges.layer(s, offsets, layer);
-        let mut counts = seen.counts;
-        if !stack.beam.solid {
-            let amplitude = super::beam_table::amplitude(s, &stack.beam, seen.cos(s));
-            counts = s.and(counts, s.at_most(s.splat(f32::MIN_POSITIVE), amplitude));
-        }
+        *counts = counting(s, stack, &seen);
         let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
         let whole = s.floor(at);
-        *place = (s.to_int(s.or_zero(counts, whole)), s.sub(at, whole));
-        *counting = counts;
+        *place = (s.to_int(s.or_zero(*counts, whole)), s.sub(at, whole));
     }
-    let values = read(s, &stack.table(group * LANES + l, 0)[..stack.stride], sight, l, &places);
-    for (sum, (value, counts)) in sums.iter_mut().zip(values.into_iter().zip(counting)) {
+    let values = read(s, stack.values(group * LANES + l), sight, l, &places);
+    for (sum, (value, counts)) in sums.iter_mut().zip(values.into_iter().zip(counts)) {
         *sum = s.add_int(*sum, s.to_int(s.or_zero(counts, value)));
     }
 }

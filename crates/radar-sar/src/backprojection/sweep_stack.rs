@@ -6,8 +6,14 @@
 //! interpolation of |z|² is then within 0.3 % of its peak (0.1 % for profiles 3 to 5). Integer
 //! statistics (`ls`, `log`) are scaled so that a step of 1 is a small part of the noise. A stack
 //! has slots that can be refilled, so that a window of sweeps can roll.
-//!
-//! Longer than other files: every statistic's tables are written in one pass over a sweep.
+
+mod group;
+mod parabolas;
+mod tables;
+
+pub(super) use group::Group;
+pub(super) use parabolas::Parabolas;
+use tables::TableMaker;
 
 use std::sync::Arc;
 
@@ -38,9 +44,12 @@ const MAX_SAMPLE_LSB: f32 = 1e9;
 /// Step of `log`. Choice: far finer than the noise's spread of about 1; 4096 sweeps of the loudest
 /// echo fit an i32.
 const LOG_STEP: f64 = 1.0 / 4096.0;
+/// Least number of coarse entries per pulse width. Choice: |z|² is as wide as the pulse, and a parabola
+/// through three values of a Gaussian over such a step is within 0.05 % of its peak.
+const COARSE_STEPS_PER_PULSE: f64 = 7.0;
 /// Least number of sweeps whose tables one task computes. Choice: enough work for a task to pay.
 const SWEEPS_AT_ONCE: usize = 4;
-/// Ensures that a half window from any entry on lies within the tables of short axes too.
+/// Choice: short axes get as much room as a window needs.
 const MIN_STRIDE: usize = 96;
 /// Greatest value of an entry, in steps. Choice: half of an i32, so that one sweep alone never
 /// overflows.
@@ -68,40 +77,10 @@ pub enum SweepRefusal {
     UnknownGeometry,
 }
 
-/// Sixteen sweeps; a lane without a sweep has an empty range.
-#[derive(Debug, Clone)]
-pub(super) struct Group {
-    /// `[axis][lane]`, metres from the stack's origin.
-    pub position_m: [[f32; LANES]; 3],
-    pub velocity_m_per_s: [[f32; LANES]; 3],
-    /// Unit vector of the boresight.
-    pub forward: [[f32; LANES]; 3],
-    /// First and last range, metres.
-    pub first_m: [f32; LANES],
-    pub last_m: [f32; LANES],
-    /// Table entries per metre.
-    pub entries_per_m: [f32; LANES],
-    /// Points of the axis per metre, and table entries per point.
-    pub points_per_m: [f32; LANES],
-    pub entries_per_point: [i32; LANES],
-    /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the pose's time.
-    pub time_s_per_m: [f32; LANES],
-    pub time_at_zero_s: [f32; LANES],
-}
-
-impl Group {
-    const EMPTY: Self = Self {
-        position_m: [[0.0; LANES]; 3],
-        velocity_m_per_s: [[0.0; LANES]; 3],
-        forward: [[0.0; LANES]; 3],
-        first_m: [f32::MAX; LANES],
-        last_m: [f32::MIN; LANES],
-        entries_per_m: [1.0; LANES],
-        points_per_m: [1.0; LANES],
-        entries_per_point: [1; LANES],
-        time_s_per_m: [0.0; LANES],
-        time_at_zero_s: [0.0; LANES],
-    };
+/// N entries of a table from one on; `None` beyond it.
+#[inline(always)]
+pub(super) fn window<const N: usize>(table: &[f32], first: usize) -> Option<&[f32; N]> {
+    table.get(first..)?.first_chunk()
 }
 
 /// A geometry with its filter and falloff table.
@@ -109,6 +88,8 @@ impl Group {
 struct Axis {
     geometry: Arc<SweepGeometry>,
     compressor: RangeCompressor,
+    /// Binary logarithm of the number of table entries per coarse entry, at least 1.
+    coarse_octaves: u32,
     /// D at each entry; held constant below one step, where it would diverge.
     falloff: Vec<f32>,
 }
@@ -233,7 +214,8 @@ impl SweepStack {
     /// Limits the contribution of sweeps filled in from now on to so many steps per voxel.
     #[cfg(feature = "rolling")]
     pub(super) fn limit_steps(&mut self, most_steps: i32) {
-        self.most_steps = (most_steps as f32).min(MAX_STEPS);
+        // A parabola through three values from 0 to M reaches at most 9/8·M.
+        self.most_steps = (most_steps as f32 / 1.125).min(MAX_STEPS);
     }
 
     /// The statistic.
@@ -258,7 +240,8 @@ impl SweepStack {
 
     /// Converts a sum of steps to the statistic's value.
     pub(super) fn value_of(&self, sum: i64) -> f32 {
-        (sum as f64 * self.step) as f32
+        // A parabola may pass below the values that it connects.
+        (sum.max(0) as f64 * self.step) as f32
     }
 
     /// Total number of slots.
@@ -281,6 +264,22 @@ impl SweepStack {
     pub(super) fn table(&self, slot: usize, plane: usize) -> &[f32] {
         let at = (slot * self.planes + plane) * 2 * self.stride;
         &self.tables[at..at + 2 * self.stride]
+    }
+
+    /// The values of a slot's first table.
+    #[inline(always)]
+    pub(super) fn values(&self, slot: usize) -> &[f32] {
+        &self.table(slot, 0)[..self.stride]
+    }
+
+    /// The parabolas of a slot's sweep, for integer statistics.
+    #[inline(always)]
+    pub(super) fn parabolas(&self, slot: usize) -> Parabolas<'_> {
+        let apart = parabolas::apart(self.stride);
+        let (a, others) = self.table(slot, 1).split_at(apart);
+        let (b, others) = others.split_at(apart);
+        let per_entry = self.groups[slot / LANES].coarse_per_entry[slot % LANES];
+        Parabolas::new([a, b, &others[..apart]], per_entry)
     }
 
     /// |x| of the points of a slot's sweep (`thesis`), zeros beyond.
@@ -355,7 +354,7 @@ impl SweepStack {
     }
 
     fn put(&mut self, slot: usize, observation: &Observation, axis: usize, greatest: i64) {
-        self.groups[slot / LANES].put(slot % LANES, observation, &self.axes[axis].compressor, self.origin_m);
+        self.groups[slot / LANES].put(slot % LANES, observation, &self.axes[axis], self.origin_m);
         self.greatest[slot] = greatest;
         self.filled[slot] = true;
     }
@@ -379,177 +378,6 @@ impl SweepStack {
         (group.first_m[l], group.last_m[l]) = (f32::MAX, f32::MIN);
         self.filled[slot] = false;
         self.greatest[slot] = 0;
-    }
-}
-
-/// Computes the tables of one sweep.
-#[derive(Debug, Clone, Copy)]
-struct TableMaker {
-    statistic: Statistic,
-    step: f64,
-    most_steps: f32,
-    stride: usize,
-}
-
-impl TableMaker {
-    /// Returns the greatest entry for integer statistics, else 0.
-    fn write(self, axis: &Axis, observation: &Observation, tables: &mut [f32], room: &mut CompressionScratch) -> i64 {
-        let samples = &observation.samples;
-        match self.statistic {
-            Statistic::Thesis => {}
-            Statistic::ThesisFull => {
-                let magnitudes: Vec<f32> = samples.iter().map(magnitude).collect();
-                axis.compressor.convolve_in(&magnitudes, room);
-            }
-            _ => axis.compressor.compress_in(samples, 1.0, room),
-        }
-        on_widest(WriteTables { maker: self, axis, samples, re: &room.re, im: &room.im, tables })
-    }
-}
-
-/// Writes a sweep's tables from its compressed values; compiled for the widest instructions.
-struct WriteTables<'a> {
-    maker: TableMaker,
-    axis: &'a Axis,
-    samples: &'a [Complex32],
-    re: &'a [f32],
-    im: &'a [f32],
-    tables: &'a mut [f32],
-}
-
-impl Kernel for WriteTables<'_> {
-    type Out = i64;
-
-    #[inline(always)]
-    fn run<S: Lanes>(self, _: S) -> i64 {
-        let Self { maker, axis, samples, re, im, tables } = self;
-        let TableMaker { statistic, step, most_steps, stride } = maker;
-        let (falloff, entries) = (axis.falloff.as_slice(), axis.falloff.len());
-        let (first, others) = tables.split_at_mut(2 * stride);
-        match statistic {
-            Statistic::Ls | Statistic::Subaperture => {
-                let per = (1.0 / step) as f32;
-                for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
-                    *to = ((re * re + im * im) * per).min(most_steps);
-                }
-                write_slopes(first, entries);
-                write_decimated(&first[..entries + 2], others);
-                return 1 + greatest(&first[..entries]) as i64;
-            }
-            Statistic::Log => {
-                let noise = sweep_noise_rms(samples);
-                let (per2, per) = ((1.0 / (noise * noise)) as f32, (1.0 / LOG_STEP) as f32);
-                for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
-                    *to = (math::ln_1p((re * re + im * im) * per2) * per).min(most_steps);
-                }
-                write_slopes(first, entries);
-                write_decimated(&first[..entries + 2], others);
-                return 1 + greatest(&first[..entries]) as i64;
-            }
-            Statistic::Glrt => {
-                for (((to, re), im), d) in first[..entries].iter_mut().zip(re).zip(im).zip(falloff) {
-                    *to = magnitude(&Complex32::new(*re, *im)) * d;
-                }
-                write_slopes(first, entries);
-                multiply(others, falloff, falloff);
-            }
-            Statistic::Coherent => {
-                let (second, third) = others.split_at_mut(2 * stride);
-                multiply(first, re, falloff);
-                multiply(second, im, falloff);
-                multiply(third, falloff, falloff);
-            }
-            Statistic::ThesisFull => multiply(first, re, falloff),
-            Statistic::Thesis => {
-                for (to, sample) in others.iter_mut().zip(samples) {
-                    *to = magnitude(sample);
-                }
-                others[samples.len()..].fill(0.0);
-                write_nearest(&others[..samples.len()], axis, first);
-            }
-        }
-        0
-    }
-}
-
-/// |x|, even where its square does not fit f32.
-#[inline(always)]
-fn magnitude(x: &Complex32) -> f32 {
-    let (re, im) = (f64::from(x.re), f64::from(x.im));
-    (re * re + im * im).sqrt() as f32
-}
-
-/// A plane of products, linear between entries.
-#[inline(always)]
-fn multiply(plane: &mut [f32], a: &[f32], b: &[f32]) {
-    for ((to, a), b) in plane.iter_mut().zip(a).zip(b) {
-        *to = a * b;
-    }
-    write_slopes(plane, b.len());
-}
-
-/// Computes the slopes of a plane whose values are written; zeros beyond its entries.
-#[inline(always)]
-fn write_slopes(plane: &mut [f32], entries: usize) {
-    let (value, slope) = plane.split_at_mut(plane.len() / 2);
-    value[entries..].fill(0.0);
-    for ((to, here), next) in slope.iter_mut().zip(&value[..entries]).zip(&value[1..entries]) {
-        *to = next - here;
-    }
-    slope[entries - 1..].fill(0.0);
-}
-
-/// The same function with every other entry: its value, the slope from there, and the change of
-/// slope halfway to the next entry, where the omitted entry lies. Coarse voxels then look up half
-/// as many entries.
-#[inline(always)]
-fn write_decimated(values: &[f32], halves: &mut [f32]) {
-    let apart = halves.len() / 4;
-    let (value, others) = halves.split_at_mut(apart);
-    let (slope, turn) = others.split_at_mut(apart);
-    let (pairs, next) = (values.chunks_exact(2), values[1..].chunks_exact(2));
-    let mut count = 0;
-    for ((((value, slope), turn), pair), next) in value.iter_mut().zip(&mut *slope).zip(&mut *turn).zip(pairs).zip(next)
-    {
-        let rises = 2.0 * (pair[1] - pair[0]);
-        (*value, *slope, *turn) = (pair[0], rises, 2.0 * (next[1] - next[0]) - rises);
-        count += 1;
-    }
-    value[count..].fill(0.0);
-    slope[count..].fill(0.0);
-    turn[count..].fill(0.0);
-}
-
-/// The greatest of non-negative values: their bits are ordered like the values.
-#[inline(always)]
-fn greatest(values: &[f32]) -> f32 {
-    let mut most = 0;
-    for value in values {
-        most = most.max(value.to_bits());
-    }
-    f32::from_bits(most)
-}
-
-/// |x of the nearest point| · D. It jumps halfway between points, where the tables have entries.
-#[inline(always)]
-fn write_nearest(magnitudes: &[f32], axis: &Axis, plane: &mut [f32]) {
-    let (value, slope) = plane.split_at_mut(plane.len() / 2);
-    let phases = (axis.geometry.axis.step_m / axis.compressor.step_m()).round() as usize;
-    let falloff = &axis.falloff;
-    let last = falloff.len() - 1;
-    let (mut begin, mut end) = (0, phases / 2);
-    for magnitude in magnitudes {
-        let here = end.min(last).saturating_sub(begin);
-        let d = falloff[begin..].iter().zip(&falloff[begin + 1..]).take(here);
-        for ((value, slope), (d, next)) in value[begin..].iter_mut().zip(&mut slope[begin..]).zip(d) {
-            (*value, *slope) = (magnitude * d, magnitude * (next - d));
-        }
-        (begin, end) = (begin + here, end + phases);
-    }
-    value[begin..].fill(0.0);
-    slope[begin..].fill(0.0);
-    if let Some(magnitude) = magnitudes.last() {
-        value[last] = magnitude * falloff[last];
     }
 }
 
@@ -624,7 +452,12 @@ fn axis(geometry: &Arc<SweepGeometry>, statistic: Statistic) -> Axis {
     let falloff = (0..compressor.entries())
         .map(|n| compressor.first_m() + n as f64 * compressor.step_m())
         .map(|range_m| distance_falloff(range_m.max(compressor.step_m())) as f32);
-    Axis { falloff: falloff.collect(), compressor, geometry: Arc::clone(geometry) }
+    let coarse_octaves = match statistic {
+        // Its dips are narrower than the pulse.
+        Statistic::Log => 1,
+        _ => math::log2(geometry.pulse_fwhm_m / COARSE_STEPS_PER_PULSE / compressor.step_m()).floor().max(1.0) as u32,
+    };
+    Axis { falloff: falloff.collect(), coarse_octaves, compressor, geometry: Arc::clone(geometry) }
 }
 
 fn check(observation: &Observation, extent: Extent, axes: &[Axis]) -> Result<usize, SweepRefusal> {
@@ -644,44 +477,5 @@ fn check(observation: &Observation, extent: Extent, axes: &[Axis]) -> Result<usi
         (false, _) => Err(SweepRefusal::NotFinite),
         (true, false) => Err(SweepRefusal::TooLarge),
         (true, true) => Ok(axis),
-    }
-}
-
-impl Group {
-    /// Copies lane `from` of another group to lane `to`.
-    #[cfg(feature = "rolling")]
-    fn copy_lane(&mut self, to: usize, other: &Self, from: usize) {
-        for axis in 0..3 {
-            self.position_m[axis][to] = other.position_m[axis][from];
-            self.velocity_m_per_s[axis][to] = other.velocity_m_per_s[axis][from];
-            self.forward[axis][to] = other.forward[axis][from];
-        }
-        self.first_m[to] = other.first_m[from];
-        self.last_m[to] = other.last_m[from];
-        self.entries_per_m[to] = other.entries_per_m[from];
-        self.time_s_per_m[to] = other.time_s_per_m[from];
-        self.time_at_zero_s[to] = other.time_at_zero_s[from];
-    }
-
-    fn put(&mut self, l: usize, observation: &Observation, compressor: &RangeCompressor, origin_m: DVec3) {
-        let pose = &observation.tracking_from_sensor;
-        let vectors = [
-            (&mut self.position_m, pose.translation - origin_m),
-            (&mut self.velocity_m_per_s, observation.velocity_m_per_s),
-            (&mut self.forward, pose.forward()),
-        ];
-        for (lanes, vector) in vectors {
-            for (lane, value) in lanes.iter_mut().zip(vector.as_vec3().to_array()) {
-                lane[l] = value;
-            }
-        }
-        let axis = &observation.geometry.axis;
-        self.first_m[l] = axis.first_m as f32;
-        self.last_m[l] = axis.last_m() as f32;
-        self.entries_per_m[l] = (1.0 / compressor.step_m()) as f32;
-        self.points_per_m[l] = (1.0 / axis.step_m) as f32;
-        self.entries_per_point[l] = (axis.step_m / compressor.step_m()).round() as i32;
-        self.time_s_per_m[l] = (observation.geometry.point_period_s / axis.step_m) as f32;
-        self.time_at_zero_s[l] = observation.point_time_s(axis.point_at(0.0)) as f32;
     }
 }

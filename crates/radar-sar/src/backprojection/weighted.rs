@@ -16,8 +16,8 @@ use weight_sum::{WeightSum, at};
 
 use super::beam_table::amplitude_at;
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
-use super::power::{AtEdge, Edges, Exact, extent, from_sensor, fully_visible, read, window};
-use super::sweep_stack::{HALF_WINDOW, SweepStack, TABLE_STEP_M, WIDE_WINDOW, WINDOW};
+use super::edge_geometry::{AtEdge, Edges, Exact, extent, from_sensor, fully_visible, read};
+use super::sweep_stack::{HALF_WINDOW, SweepStack, TABLE_STEP_M, WIDE_WINDOW, WINDOW, window};
 use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest};
 use crate::{HALF_TURNS_PER_M, Statistic};
 

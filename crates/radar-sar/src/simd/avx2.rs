@@ -31,6 +31,7 @@ impl Lanes for Avx2 {
     type M = [__m256; 2];
     type Table = [f32; LANES];
     const NEAR_IS_FASTER: bool = true;
+    const WIDE_WINDOWS: bool = false;
 
     lanewise! {
         add(a: F, b: F) -> F = _mm256_add_ps;

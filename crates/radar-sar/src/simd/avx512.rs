@@ -35,6 +35,7 @@ impl Lanes for Avx512 {
     type F = __m512;
     type I = __m512i;
     type M = __mmask16;
+    const WIDE_WINDOWS: bool = true;
     tables_in_registers!();
 
     lanewise! {

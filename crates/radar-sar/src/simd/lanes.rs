@@ -34,6 +34,8 @@ pub(crate) trait Lanes: Copy {
     type Table: Copy;
     /// Whether [`permute_near`](Self::permute_near) is faster than [`permute`](Self::permute).
     const NEAR_IS_FASTER: bool;
+    /// Whether two [`look_up`](Self::look_up)s among 128 are faster than [`gather_pairs`](Self::gather_pairs).
+    const WIDE_WINDOWS: bool;
 
     fn splat(self, value: f32) -> Self::F;
     /// One value in the first eight lanes, another in the last.

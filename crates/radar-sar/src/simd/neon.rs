@@ -37,6 +37,7 @@ impl Lanes for Neon {
     type F = [float32x4_t; 4];
     type I = [int32x4_t; 4];
     type M = [uint32x4_t; 4];
+    const WIDE_WINDOWS: bool = false;
     tables_in_registers!();
 
     lanewise! {

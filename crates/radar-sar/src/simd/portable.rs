@@ -34,6 +34,7 @@ impl Lanes for Portable {
     type F = [f32; LANES];
     type I = [i32; LANES];
     type M = [bool; LANES];
+    const WIDE_WINDOWS: bool = false;
     tables_in_registers!();
 
     lanewise! {

@@ -5,7 +5,7 @@
 //! all the sweeps added and removed since.
 
 use super::super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, Sweeps, VOXELS};
-use super::super::power::{AddPower, add_inside};
+use super::super::power::{AddPower, CoarseWindows, add_inside};
 use super::super::sweep_stack::SweepStack;
 use crate::simd::{Kernel, LANES, Lanes, load3};
 
@@ -80,8 +80,8 @@ impl Kernel for RollBricks<'_> {
                 (center[0][l], center[1][l], center[2][l]) = (brick.center[0], brick.center[1], brick.center[2]);
             }
             let center = load3(s, &center);
-            let comes = Sight::between(s, stack, &comes, center, &shape);
-            let goes = Sight::between(s, stack, &goes, center, &shape);
+            let comes = BrickSights::new(s, stack, &comes, center, &shape);
+            let goes = BrickSights::new(s, stack, &goes, center, &shape);
             for (l, (brick, sums)) in sixteen.iter_mut().zip(sums).enumerate() {
                 let mut more = [s.splat_int(0); EDGE];
                 updates += add_one(s, stack, &shape, &comes, l, new, brick.center, &offsets, &mut more);
@@ -111,6 +111,20 @@ impl Kernel for RollBricks<'_> {
     }
 }
 
+/// Sixteen bricks as one sweep sees them.
+struct BrickSights {
+    sight: Sight,
+    coarse: CoarseWindows,
+}
+
+impl BrickSights {
+    #[inline(always)]
+    fn new<S: Lanes>(s: S, stack: &SweepStack, sweep: &Sweeps<S>, center: [S::F; 3], shape: &BrickShape) -> Self {
+        let sight = Sight::between(s, stack, sweep, center, shape);
+        Self { coarse: CoarseWindows::of(s, &sight, sweep.coarse_per_entry), sight }
+    }
+}
+
 /// Adds one sweep to brick `l` of sixteen; returns the updates.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
@@ -118,7 +132,7 @@ fn add_one<S: Lanes>(
     s: S,
     stack: &SweepStack,
     shape: &BrickShape,
-    sight: &Sight,
+    BrickSights { sight, coarse }: &BrickSights,
     l: usize,
     slot: usize,
     center: [f32; 3],
@@ -126,7 +140,7 @@ fn add_one<S: Lanes>(
     sums: &mut [S::I; EDGE],
 ) -> u64 {
     if sight.inside >> l & 1 == 1 {
-        add_inside(s, sight, l, stack.table(slot, 0), stack.stride, offsets, sums);
+        add_inside(s, stack, slot, sight, coarse, l, offsets, sums);
         return VOXELS as u64;
     }
     if sight.edge >> l & 1 == 1 {
