@@ -34,6 +34,8 @@ pub(super) struct Polynomial {
     pub coefficients: [f32; COEFFICIENTS],
     pub per_cos: f32,
     pub at_zero: f32,
+    /// Upper bound of the fourth derivative with respect to t, divided by 4!.
+    fourth: f32,
 }
 
 /// Choice: degree eight, with which the smooth beams reach [`POLYNOMIAL_ERROR`]; others keep the
@@ -71,9 +73,43 @@ impl Polynomial {
             coefficients: sum.map(|c| c as f32),
             per_cos: (1.0 / half) as f32,
             at_zero: (-cut_cos / half - 1.0) as f32,
+            // At |t| ≤ 1 no power exceeds 1.
+            fourth: (4..COEFFICIENTS).map(|n| sum[n].abs() * binomial_4(n)).sum::<f64>() as f32,
         };
         (half > 0.0 && (-500..=500).all(fits)).then_some(polynomial)
     }
+
+    /// A ≈ a0 + Δcos·(a1 + Δcos·a2) for cosines within `turn` of `cos`, and an upper bound of its
+    /// error: Taylor's series, of whose third-order term Δ³ is replaced by ¾·turn²·Δ.
+    #[inline(always)]
+    pub fn parabola<S: Lanes>(&self, s: S, cos: S::F, turn: S::F) -> ([S::F; 3], S::F) {
+        let per_cos = s.splat(self.per_cos);
+        let t = s.mul_add(cos, per_cos, s.splat(self.at_zero));
+        // The nth derivatives, divided by n!.
+        let mut of_order = [s.splat(0.0); 4];
+        for coefficient in self.coefficients.iter().rev() {
+            let [zeroth, first, second, third] = of_order;
+            of_order = [
+                s.mul_add(zeroth, t, s.splat(*coefficient)),
+                s.mul_add(first, t, zeroth),
+                s.mul_add(second, t, first),
+                s.mul_add(third, t, second),
+            ];
+        }
+        let turn_t = s.mul(turn, per_cos);
+        let square = s.mul(turn_t, turn_t);
+        let [zeroth, first, second, third] = of_order;
+        let third = s.mul(third, square);
+        let first = s.mul_add(third, s.splat(0.75), first);
+        let fourth = s.mul(s.mul(square, square), s.splat(self.fourth));
+        let error = s.mul_add(s.mul(s.abs(third), turn_t), s.splat(0.25), fourth);
+        ([zeroth, s.mul(first, per_cos), s.mul(second, s.mul(per_cos, per_cos))], error)
+    }
+}
+
+/// n!/(4!·(n − 4)!).
+fn binomial_4(n: usize) -> f64 {
+    (n * (n - 1) * (n - 2) * (n - 3) / 24) as f64
 }
 
 /// Table entries per unit of cosine.
@@ -179,6 +215,31 @@ mod tests {
                 // The cut rounded to f32 may lie out of the beam.
                 let exact = beam.amplitude(f64::from(cos) + 1e-7);
                 assert!((f64::from(near) - exact).abs() < 6e-4 * exact, "{beam:?} {cos} {near} {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn parabolas_are_as_close_as_they_say() {
+        let s = crate::simd::Portable;
+        for beam in [Beam::Thesis, Beam::Lensless] {
+            let table = BeamTable::new(&beam);
+            let polynomial = table.polynomial.unwrap();
+            for (i, turn) in (0..400).flat_map(|i| [(i, 0.01f32), (i, 0.05), (i, 0.1), (i, 0.25)]) {
+                let cos = table.cut_cos + (1.0 - table.cut_cos) * i as f32 / 400.0;
+                let (terms, error) = polynomial.parabola(s, s.splat(cos), s.splat(turn));
+                let [a0, a1, a2] = terms.map(|term| s.store(term)[0]);
+                for n in -10..=10 {
+                    let off = turn * n as f32 / 10.0;
+                    if (table.cut_cos..=1.0).contains(&(cos + off)) {
+                        let exact = s.store(amplitude_at(s, &table, s.splat(cos + off)))[0];
+                        let near = a0 + off * (a1 + off * a2);
+                        assert!(
+                            (near - exact).abs() <= s.store(error)[0] + 1e-5,
+                            "{beam:?} {cos} {off} {near} {exact}"
+                        );
+                    }
+                }
             }
         }
     }

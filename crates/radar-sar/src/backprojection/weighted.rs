@@ -8,10 +8,12 @@
 
 mod beam_expansion;
 mod phase;
+mod places;
 mod weight_sum;
 
 use beam_expansion::{Amplitudes, BeamExpansion};
 use phase::{Phase, add_turned};
+use places::{SecondOrder, third_order};
 use weight_sum::{WeightSum, at};
 
 use super::beam_table::amplitude_at;
@@ -103,7 +105,8 @@ impl AddWeighted<'_> {
             if sight.inside != 0 {
                 beam = BeamExpansion::new(s, &self.stack.beam, sweeps, &sight, &self.shape);
             }
-            let phase = Phase::new(s, &sight);
+            let phase = Phase::new(s, sweeps, &sight);
+            let second_order = SecondOrder::new(s, sweeps, &sight, &self.shape);
             let whole = if jumps { self.fully_visible(s, group, &sight) } else { 0 };
             let mut inside = sight.inside & beam.good;
             let mut edge = (sight.inside | sight.edge) & !inside;
@@ -114,13 +117,15 @@ impl AddWeighted<'_> {
             while inside != 0 {
                 let l = inside.trailing_zeros() as usize;
                 inside &= inside - 1;
-                let of = (&sight, &beam, &phase);
-                if sight.within_8 >> l & 1 == 1 {
-                    self.add_inside::<S, PLANES, 8>(s, group, of, l, &offsets, &mut gathered);
+                let of = (&sight, &beam, &phase, &second_order);
+                if (sight.within_8 & sight.second_order) >> l & 1 == 1 {
+                    self.add_inside::<S, PLANES, 8, 2>(s, group, of, l, &offsets, &mut gathered);
+                } else if sight.within_8 >> l & 1 == 1 {
+                    self.add_inside::<S, PLANES, 8, 3>(s, group, of, l, &offsets, &mut gathered);
                 } else if sight.within_16 >> l & 1 == 1 {
-                    self.add_inside::<S, PLANES, 16>(s, group, of, l, &offsets, &mut gathered);
+                    self.add_inside::<S, PLANES, 16, 3>(s, group, of, l, &offsets, &mut gathered);
                 } else {
-                    self.add_inside::<S, PLANES, WINDOW>(s, group, of, l, &offsets, &mut gathered);
+                    self.add_inside::<S, PLANES, WINDOW, 3>(s, group, of, l, &offsets, &mut gathered);
                 }
             }
             while edge != 0 {
@@ -146,13 +151,14 @@ impl AddWeighted<'_> {
         WeightedValues { values, updates }
     }
 
-    /// Voxels of a sweep that sees them all; the tables' windows have N entries.
+    /// Voxels of a sweep that sees them all; the tables' windows have N entries, and distances are
+    /// expanded to that order.
     #[inline(always)]
-    fn add_inside<S: Lanes, const PLANES: usize, const N: usize>(
+    fn add_inside<S: Lanes, const PLANES: usize, const N: usize, const ORDER: usize>(
         &self,
         s: S,
         group: usize,
-        (sight, beam, phase): (&Sight, &BeamExpansion, &Phase),
+        (sight, beam, phase, second_order): (&Sight, &BeamExpansion, &Phase, &SecondOrder),
         l: usize,
         offsets: &Offsets<S>,
         gathered: &mut Gathered<S>,
@@ -170,13 +176,21 @@ impl AddWeighted<'_> {
         let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
         let flat_g = s.mul_add(offsets.x, gx, s.mul(offsets.y, gy));
         let amplitude = Amplitudes::of(s, beam, l, offsets, [flat, flat_g]);
-        let ray = Ray { sight, beam, phase, l, windows, flat, amplitude };
-        // Written four times, so that the sums have names and stay in registers.
+        let places = if ORDER == 2 {
+            second_order.places(s, sight, l, offsets)
+        } else {
+            third_order(s, sight, l, offsets, flat)
+        };
+        let ray = Ray { phase, l, windows, amplitude };
         let Gathered { re, im } = gathered;
-        (re[0], im[0]) = ray.add::<PLANES>(s, offsets, 0, re[0], im[0]);
-        (re[1], im[1]) = ray.add::<PLANES>(s, offsets, 1, re[1], im[1]);
-        (re[2], im[2]) = ray.add::<PLANES>(s, offsets, 2, re[2], im[2]);
-        (re[3], im[3]) = ray.add::<PLANES>(s, offsets, 3, re[3], im[3]);
+        let mut parts = [[s.splat(0.0); 2]; EDGE];
+        for (parts, place) in parts.iter_mut().zip(places) {
+            *parts = ray.parts::<PLANES>(s, place);
+        }
+        for layer in 0..EDGE {
+            let sums = [re[layer], im[layer]];
+            (re[layer], im[layer]) = ray.turn::<PLANES>(s, offsets, layer, places[layer], parts[layer], sums);
+        }
     }
 
     #[inline(always)]
@@ -370,39 +384,46 @@ struct LayerVisibility<S: Lanes> {
 
 /// One sweep that sees the whole brick.
 struct Ray<'a, S: Lanes, const N: usize> {
-    sight: &'a Sight,
-    beam: &'a BeamExpansion,
     phase: &'a Phase,
     l: usize,
     /// Values and slopes of the table, for each part.
     windows: [(&'a [f32; N], &'a [f32; N]); 2],
-    /// Component along the line of sight for the layer through the centre.
-    flat: S::F,
     amplitude: Amplitudes<S>,
 }
 
 impl<S: Lanes, const N: usize> Ray<'_, S, N> {
-    /// The sums of a layer with this sweep added.
+    /// The tables' values at places in their windows.
     #[inline(always)]
-    fn add<const PLANES: usize>(&self, s: S, offsets: &Offsets<S>, layer: usize, re: S::F, im: S::F) -> (S::F, S::F) {
-        let (sight, beam, phase, l) = (self.sight, self.beam, self.phase, self.l);
-        let q = s.add(self.flat, s.splat(beam.up[layer][l]));
-        let across = s.neg_mul_add(q, q, offsets.squared[layer]);
-        let bend_per_m2 = s.neg_mul_add(q, s.splat(sight.half_per_m2[l]), s.splat(sight.half_per_m[l]));
-        let deviation = s.mul_add(across, bend_per_m2, q);
-        let at = s.mul_add(deviation, s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
-        let whole = s.floor(at);
-        let (n, rest) = (s.to_int(whole), s.sub(at, whole));
-        let amplitude = self.amplitude.in_layer(s, offsets, layer);
+    fn parts<const PLANES: usize>(&self, s: S, place: S::F) -> [S::F; 2] {
+        let whole = s.floor(place);
+        let (n, rest) = (s.to_int(whole), s.sub(place, whole));
         let (values, slopes) = self.windows[0];
         let real = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
         if PLANES < 3 {
-            return (s.mul_add(real, amplitude, re), im);
+            return [real, real];
         }
         let (values, slopes) = self.windows[1];
-        let imaginary = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
-        let half_turns = s.mul_add(deviation, s.splat(phase.half_turns_per_m[l]), s.splat(phase.center_half_turns[l]));
-        add_turned(s, [real, imaginary], amplitude, half_turns, [re, im])
+        [real, s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n))]
+    }
+
+    /// The sums of a layer with this sweep added.
+    #[inline(always)]
+    fn turn<const PLANES: usize>(
+        &self,
+        s: S,
+        offsets: &Offsets<S>,
+        layer: usize,
+        place: S::F,
+        parts: [S::F; 2],
+        sums: [S::F; 2],
+    ) -> (S::F, S::F) {
+        let (phase, l) = (self.phase, self.l);
+        let amplitude = self.amplitude.in_layer(s, offsets, layer);
+        if PLANES < 3 {
+            return (s.mul_add(parts[0], amplitude, sums[0]), sums[1]);
+        }
+        let (per_entry, at_window) = (s.splat(phase.half_turns_per_entry[l]), s.splat(phase.window_half_turns[l]));
+        add_turned(s, parts, amplitude, s.mul_add(place, per_entry, at_window), sums)
     }
 }
 

@@ -167,6 +167,17 @@ pub(crate) trait Lanes: Copy {
         let cos = self.mul_add(x2, cos, self.splat(0.999_993_3));
         (cos, sin)
     }
+
+    /// The same, to 6e-4, with fewer instructions.
+    #[inline(always)]
+    fn rough_cos_sin_within_half_turn(self, x: Self::F) -> (Self::F, Self::F) {
+        let x2 = self.mul(x, x);
+        let sin = self.mul_add(x2, self.splat(2.299_547_3), self.splat(-5.136_905));
+        let sin = self.mul(self.mul_add(x2, sin, self.splat(3.140_64)), x);
+        let cos = self.mul_add(x2, self.splat(3.583_844_4), self.splat(-4.891_187));
+        let cos = self.mul_add(x2, cos, self.splat(0.999_403_2));
+        (cos, sin)
+    }
 }
 
 /// Indices limited to 0 to `last`.

@@ -19,6 +19,7 @@ pub(in super::super) struct Group {
     pub last_m: [f32; LANES],
     /// Table entries per metre.
     pub entries_per_m: [f32; LANES],
+    pub entry_m: [f32; LANES],
     /// Points of the axis per metre, and table entries per point.
     pub points_per_m: [f32; LANES],
     pub entries_per_point: [i32; LANES],
@@ -42,6 +43,7 @@ impl Group {
         first_m: [f32::MAX; LANES],
         last_m: [f32::MIN; LANES],
         entries_per_m: [1.0; LANES],
+        entry_m: [1.0; LANES],
         points_per_m: [1.0; LANES],
         entries_per_point: [1; LANES],
         coarse_per_entry: [1.0; LANES],
@@ -67,6 +69,7 @@ impl Group {
         self.first_m[to] = other.first_m[from];
         self.last_m[to] = other.last_m[from];
         self.entries_per_m[to] = other.entries_per_m[from];
+        self.entry_m[to] = other.entry_m[from];
         self.drift_squared[to] = other.drift_squared[from];
         self.coarse_per_entry[to] = other.coarse_per_entry[from];
         self.time_s_per_m[to] = other.time_s_per_m[from];
@@ -97,6 +100,7 @@ impl Group {
         self.first_m[l] = axis.first_m as f32;
         self.last_m[l] = axis.last_m() as f32;
         self.entries_per_m[l] = (1.0 / compressor.step_m()) as f32;
+        self.entry_m[l] = compressor.step_m() as f32;
         self.points_per_m[l] = (1.0 / axis.step_m) as f32;
         self.entries_per_point[l] = (axis.step_m / compressor.step_m()).round() as i32;
         self.coarse_per_entry[l] = 1.0 / (1u32 << of_axis.coarse_octaves) as f32;

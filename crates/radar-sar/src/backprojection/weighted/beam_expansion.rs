@@ -1,8 +1,8 @@
 //! The beam's amplitude over a brick: a parabola in the cosine to the boresight, expanded to second order about the brick's
 //! centre.
 
-use super::super::beam_table::{BeamTable, ENTRIES_PER_COS, amplitude_at};
-use super::super::brick_geometry::{BrickShape, EDGE, Offsets, Sight};
+use super::super::beam_table::{BeamTable, ENTRIES_PER_COS, amplitude};
+use super::super::brick_geometry::{BrickShape, Offsets, Sight};
 use super::super::sweep_stack::Group;
 use crate::simd::{LANES, Lanes, lane3, load3, scale3, store3, sub3};
 
@@ -20,8 +20,6 @@ pub(super) struct BeamExpansion {
     pub terms: [[f32; LANES]; 3],
     /// (b − cos·u)/d: the gradient of g.
     pub gradient_per_m: [[f32; LANES]; 3],
-    /// Contribution of each layer to q.
-    pub up: [[f32; LANES]; EDGE],
     /// Slope of A along z: at the centre, and what it grows by with g and with q.
     slope: [[f32; LANES]; 3],
     /// Part of A of second order in z, in the outer and the inner layers.
@@ -34,11 +32,10 @@ pub(super) struct BeamExpansion {
 }
 
 impl BeamExpansion {
-    /// A = 1, with layer contributions still to be set.
+    /// A = 1.
     pub const FLAT: Self = Self {
         terms: [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
         gradient_per_m: [[0.0; LANES]; 3],
-        up: [[0.0; LANES]; EDGE],
         slope: [[0.0; LANES]; 3],
         bend: [[0.0; LANES]; 2],
         along_per_m: [0.0; LANES],
@@ -50,9 +47,8 @@ impl BeamExpansion {
     pub fn new<S: Lanes>(s: S, beam: &BeamTable, sweeps: &Group, sight: &Sight, shape: &BrickShape) -> Self {
         let heights = shape.heights();
         let toward = load3(s, &sight.toward);
-        let up = steps(s, toward[2], heights);
         if beam.uniform {
-            return Self { up, ..Self::FLAT };
+            return Self::FLAT;
         }
         let cos = s.load(&sight.cos);
         let per_m = s.div(s.splat(1.0), s.max(s.load(&sight.pose_distance_m), s.splat(1e-6)));
@@ -79,7 +75,6 @@ impl BeamExpansion {
         Self {
             terms: [s.store(a0), s.store(a1), s.store(a2)],
             gradient_per_m: [s.store(gradient[0]), s.store(gradient[1]), s.store(gradient[2])],
-            up,
             slope: store3(s, slope),
             bend: [s.store(s.mul(bend, s.splat(outer * outer))), s.store(s.mul(bend, s.splat(inner * inner)))],
             along_per_m: s.store(along),
@@ -87,16 +82,6 @@ impl BeamExpansion {
             good: s.mask_bits(good),
         }
     }
-}
-
-/// A slope along z as the contribution of each layer.
-#[inline(always)]
-fn steps<S: Lanes>(s: S, slope: S::F, heights: [f32; EDGE]) -> [[f32; LANES]; EDGE] {
-    let mut steps = [[0.0; LANES]; EDGE];
-    for (step, height) in steps.iter_mut().zip(heights) {
-        *step = s.store(s.mul(slope, s.splat(height)));
-    }
-    steps
 }
 
 /// Permitted error of an amplitude.
@@ -109,6 +94,10 @@ fn tolerance<S: Lanes>(s: S, amplitude: S::F) -> S::F {
 /// enough.
 #[inline(always)]
 fn parabola<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, turn: S::F) -> ([S::F; 3], S::M) {
+    if let Some(polynomial) = &beam.polynomial {
+        let (terms, error) = polynomial.parabola(s, cos, turn);
+        return (terms, s.at_most(error, tolerance(s, terms[0])));
+    }
     let width = s.max(s.min(turn, s.splat(0.25)), s.splat(2.0 / ENTRIES_PER_COS));
     // Three points `width` apart, the highest at most 1: near the axis they shift to the available
     // side.
@@ -135,7 +124,7 @@ fn parabola<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, turn: S::F) -> ([S::F; 
 /// A at the given number of widths below the highest point.
 #[inline(always)]
 fn below<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, high: S::F, width: S::F, widths: f32) -> S::F {
-    amplitude_at(s, beam, s.add(cos, s.neg_mul_add(width, s.splat(widths), high)))
+    amplitude(s, beam, s.add(cos, s.neg_mul_add(width, s.splat(widths), high)))
 }
 
 /// A over the brick as a polynomial in the layer's height: for each lane what two layers of equal distance from the centre
