@@ -191,7 +191,8 @@ impl ResponseCache {
         let parts = rows.par_chunks_mut(POINTS_AT_ONCE).zip(points.par_chunks(POINTS_AT_ONCE));
         let count = |(rows, points): (&mut [Row], &[DVec3])| {
             rows.iter_mut().for_each(|row| row.move_to(first, subapertures));
-            (0..subapertures).map(|index| add_missing(rows, points, index, &evaluate)).fold([0; 2], add)
+            let mut lacking = Lacking::default();
+            (0..subapertures).map(|index| lacking.query(rows, points, index, &evaluate)).fold([0; 2], add)
         };
         let [missing, found] = parts.map(count).reduce(|| [0; 2], add);
         self.hits += (points.len() * subapertures) as u64 - missing;
@@ -210,22 +211,35 @@ impl Row {
     }
 }
 
-/// Queries a sub-aperture for those of the points whose rows lack it; returns how many these are, and how many were not masked.
-fn add_missing(
-    rows: &mut [Row],
-    points: &[DVec3],
-    index: usize,
-    evaluate: impl Fn(usize, &[DVec3]) -> Vec<CachedResponse>,
-) -> [u64; 2] {
-    let lacking = rows.iter_mut().zip(points).filter(|(row, _)| row.cached[index].is_none());
-    let (lacking, wanted): (Vec<&mut Row>, Vec<DVec3>) = lacking.unzip();
-    if wanted.is_empty() {
-        return [0; 2];
+/// Points that lack a sub-aperture, in memory that is reused.
+#[derive(Default)]
+struct Lacking {
+    rows: Vec<usize>,
+    points: Vec<DVec3>,
+}
+
+impl Lacking {
+    /// Queries a sub-aperture for those of the points whose rows lack it; returns how many these are, and how many were not
+    /// masked.
+    fn query(
+        &mut self,
+        rows: &mut [Row],
+        points: &[DVec3],
+        index: usize,
+        evaluate: impl Fn(usize, &[DVec3]) -> Vec<CachedResponse>,
+    ) -> [u64; 2] {
+        self.rows.clear();
+        self.rows.extend((0..rows.len()).filter(|&n| rows[n].cached[index].is_none()));
+        if self.rows.is_empty() {
+            return [0; 2];
+        }
+        self.points.clear();
+        self.points.extend(self.rows.iter().map(|&n| points[n]));
+        let answers = evaluate(index, &self.points);
+        let found = answers.iter().flatten().count();
+        self.rows.iter().zip(answers).for_each(|(&n, answer)| rows[n].cached[index] = answer);
+        [self.rows.len(), found].map(|count| count as u64)
     }
-    let answers = evaluate(index, &wanted);
-    let found = answers.iter().flatten().count();
-    lacking.into_iter().zip(answers).for_each(|(row, answer)| row.cached[index] = answer);
-    [wanted.len(), found].map(|count| count as u64)
 }
 
 fn add(a: [u64; 2], b: [u64; 2]) -> [u64; 2] {
