@@ -37,10 +37,10 @@ pub use detection::Detection;
 use detection::covariance_m2;
 pub(super) use masks::hand_masks;
 use points::PointSearch;
-use query::SubapertureQuery;
+pub(crate) use query::SubapertureQuery;
 use radar_sar::geometry::Plane;
-use radar_sar::subaperture::{Subaperture, SubapertureSettings};
-use radar_sar::{Beam, BoundedSettings, SettingBound, bounds};
+use radar_sar::subaperture::Subaperture;
+use radar_sar::{BoundedSettings, SettingBound, bounds};
 use residual::Residual;
 use subapertures::WeightedSubapertures;
 
@@ -138,13 +138,11 @@ impl<'a> CleanWindow<'a> {
         subapertures: impl Iterator<Item = &'a Subaperture>,
         hands: &HandTrail,
         settings: &'a CleanSettings,
-        subaperture_settings: &'a SubapertureSettings,
-        beam: &'a Beam,
+        query: SubapertureQuery<'a>,
         cache: &'a mut ResponseCache,
     ) -> Self {
-        let subapertures = WeightedSubapertures::new(subapertures, subaperture_settings.decay_s);
+        let subapertures = WeightedSubapertures::new(subapertures, query.decay_s());
         cache.begin_update(subapertures.all());
-        let query = SubapertureQuery::new(subaperture_settings, beam);
         let residual = Residual::new(subapertures, hands, settings);
         Self { residual, query, points: PointSearch::new(query, cache) }
     }
@@ -238,7 +236,8 @@ fn candidates(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use radar_sar::subaperture::SubapertureBuilder;
+    use radar_sar::Beam;
+    use radar_sar::subaperture::{SubapertureBuilder, SubapertureSettings};
     use radar_sar::test_data::{Echo, on_one_thread, sweeps, winding};
 
     const STRONG: DVec3 = DVec3::new(0.2, 0.1, -1.2);
@@ -267,8 +266,8 @@ mod tests {
         let mut builder = SubapertureBuilder::new(subaperture_settings);
         let subapertures: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
         let mut cache = ResponseCache::default();
-        let mut window =
-            CleanWindow::new(subapertures.iter(), hands, &settings, &subaperture_settings, &Beam::Lensless, &mut cache);
+        let query = SubapertureQuery::of(&subaperture_settings, &Beam::Lensless);
+        let mut window = CleanWindow::new(subapertures.iter(), hands, &settings, query, &mut cache);
         explain(&mut window)
     }
 
@@ -365,8 +364,7 @@ mod tests {
                 subapertures[range].iter(),
                 &HandTrail::default(),
                 &settings,
-                &subaperture_settings,
-                &Beam::Lensless,
+                SubapertureQuery::of(&subaperture_settings, &Beam::Lensless),
                 cache,
             )
             .detect_points(places)
@@ -398,8 +396,7 @@ mod tests {
                 [].iter(),
                 &HandTrail::default(),
                 &settings,
-                &subapertures,
-                &Beam::Lensless,
+                SubapertureQuery::of(&subapertures, &Beam::Lensless),
                 &mut ResponseCache::default()
             )
             .detect_points(&[STRONG])

@@ -423,9 +423,9 @@ impl RoomMapper {
 
     /// Detects in the window's sub-apertures and updates the tracks.
     fn detect(&mut self, planes: &[Plane], peaks: &[DVec3]) -> Stage {
-        let RoomMapperSettings { subapertures, clean, tracks, .. } = &self.config.settings;
-        let (beam, cache) = (&self.config.beam, &mut self.response_cache);
-        let mut clean = CleanWindow::new(self.window.iter(), &self.hands, clean, subapertures, beam, cache);
+        let RoomMapperSettings { clean, tracks, .. } = &self.config.settings;
+        let (query, cache) = (self.config.query(), &mut self.response_cache);
+        let mut clean = CleanWindow::new(self.window.iter(), &self.hands, clean, query, cache);
         // Known objects mask before new ones do.
         let (ids, known_points): (Vec<u64>, Vec<DVec3>) = self.objects.confirmed().map(|p| (p.id, p.estimate)).unzip();
         let known = clean.detect_known(&self.walls.planes(), &known_points);

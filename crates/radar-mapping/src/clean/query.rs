@@ -11,7 +11,7 @@ use radar_sar::subaperture::{PlaneAt, Subaperture, SubapertureSettings};
 
 /// Beam and ranges of the sensor.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct SubapertureQuery<'a> {
+pub struct SubapertureQuery<'a> {
     settings: &'a SubapertureSettings,
     beam: &'a Beam,
     /// Least cosine to the beam's axis at which a point returns anything.
@@ -21,9 +21,20 @@ pub(super) struct SubapertureQuery<'a> {
 }
 
 impl<'a> SubapertureQuery<'a> {
-    pub fn new(settings: &'a SubapertureSettings, beam: &'a Beam) -> Self {
-        let (min_cos, plane_min_cos) = (settings.min_cos(beam), settings.plane_min_cos(beam));
+    /// With the least cosines to the boresight of points and of planes, which follow from the others
+    /// and take long to find.
+    pub fn new(settings: &'a SubapertureSettings, beam: &'a Beam, [min_cos, plane_min_cos]: [f64; 2]) -> Self {
         Self { settings, beam, min_cos, plane_min_cos }
+    }
+
+    #[cfg(test)]
+    pub fn of(settings: &'a SubapertureSettings, beam: &'a Beam) -> Self {
+        Self::new(settings, beam, [settings.min_cos(beam), settings.plane_min_cos(beam)])
+    }
+
+    /// Time constant with which old sub-apertures lose weight, seconds.
+    pub fn decay_s(&self) -> f64 {
+        self.settings.decay_s
     }
 
     /// `None` for a sub-aperture that has the plane out of range, or so far off the beam's axis

@@ -3,6 +3,7 @@
 use radar_sar::{Beam, PositionErrors};
 
 use super::RoomMapperSettings;
+use crate::clean::SubapertureQuery;
 
 /// Settings, and what follows from them.
 #[derive(Debug, Clone)]
@@ -13,11 +14,18 @@ pub(super) struct RoomConfig {
     pub beam: Beam,
     /// Cosine to the boresight from which on points are in the beam.
     pub min_cos: f64,
+    /// Same of planes.
+    pub plane_min_cos: f64,
 }
 
 impl RoomConfig {
     pub fn new(settings: RoomMapperSettings, beam: &Beam, errors: PositionErrors) -> Self {
-        Self { settings, errors, beam: beam.clone(), min_cos: settings.subapertures.min_cos(beam) }
+        let (min_cos, plane_min_cos) = (settings.subapertures.min_cos(beam), settings.subapertures.plane_min_cos(beam));
+        Self { settings, errors, beam: beam.clone(), min_cos, plane_min_cos }
+    }
+
+    pub fn query(&self) -> SubapertureQuery<'_> {
+        SubapertureQuery::new(&self.settings.subapertures, &self.beam, [self.min_cos, self.plane_min_cos])
     }
 
     /// Length of the window, nanoseconds.

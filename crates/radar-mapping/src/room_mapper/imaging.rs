@@ -25,7 +25,7 @@ impl Imaging {
         Self {
             field: Field::new(settings.subapertures, min_cos),
             fine: FineField::new(settings.fine, settings.subapertures, min_cos),
-            planes: PlaneField::new(settings.subapertures, settings.subapertures.plane_min_cos(&config.beam)),
+            planes: PlaneField::new(settings.subapertures, config.plane_min_cos),
             voxel_m: settings.subapertures.voxel_m,
         }
     }

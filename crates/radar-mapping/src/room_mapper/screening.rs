@@ -286,14 +286,8 @@ mod tests {
             }
             let (settings, mut memory) = (search.config.settings, ResponseCache::default());
             let window = search.window.iter();
-            let mut window = CleanWindow::new(
-                window,
-                &search.hands,
-                &settings.clean,
-                &settings.subapertures,
-                &search.config.beam,
-                &mut memory,
-            );
+            let mut window =
+                CleanWindow::new(window, &search.hands, &settings.clean, search.config.query(), &mut memory);
             let detections = window.detect(&[], &[object]);
             let detection = detections.places[0];
             (detection.observable, search.screening().with_history(&detection, &detections.responses[0]).0.observable)
