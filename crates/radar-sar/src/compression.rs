@@ -106,8 +106,11 @@ impl RangeCompressor {
     /// Compresses one sweep; each value is multiplied by `scale` (1 / noise rms makes z
     /// noise-normalised). Missing samples count as zero, samples beyond the axis are ignored.
     pub fn compress(&self, samples: &[Complex32], scale: f32) -> CompressedSweep {
-        let mut room = CompressionScratch::default();
-        self.compress_in(samples, scale, &mut room);
+        self.compress_with(samples, scale, &mut CompressionScratch::default())
+    }
+
+    fn compress_with(&self, samples: &[Complex32], scale: f32, room: &mut CompressionScratch) -> CompressedSweep {
+        self.compress_in(samples, scale, room);
         let z = room.re.iter().zip(&room.im).map(|(re, im)| Complex32::new(*re, *im)).collect();
         CompressedSweep { first_m: self.first_m, step_m: self.step_m, z }
     }
@@ -345,13 +348,14 @@ fn sums_of_squares(values: &[f64]) -> Vec<f64> {
 /// Compresses sweeps, each with its own geometry's filter and its own scale.
 pub(super) fn compress_all(observations: &[Observation], scale: impl Fn(&Observation) -> f32) -> Vec<CompressedSweep> {
     let mut compressors: Vec<(Arc<SweepGeometry>, RangeCompressor)> = Vec::new();
+    let mut room = CompressionScratch::default();
     let compress = |observation: &Observation| {
         let Observation { geometry, samples, .. } = observation;
         let at = compressors.iter().position(|(known, _)| Arc::ptr_eq(known, geometry)).unwrap_or_else(|| {
             compressors.push((Arc::clone(geometry), RangeCompressor::new(geometry)));
             compressors.len() - 1
         });
-        compressors[at].1.compress(samples, scale(observation))
+        compressors[at].1.compress_with(samples, scale(observation), &mut room)
     };
     observations.iter().map(compress).collect()
 }
