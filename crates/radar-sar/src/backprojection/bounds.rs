@@ -106,7 +106,10 @@ fn interval_maxima(stack: &SweepStack, slot: usize) -> impl Iterator<Item = f64>
     let linear = move |n: usize| f64::from(a[n].max(a[n] + slopes[n])).max(0.0);
     (0..stack.stride).map(move |n| match statistic {
         Statistic::Glrt | Statistic::Coherent => power(n).max(power((n + 1).min(stack.stride - 1))),
-        Statistic::Ls | Statistic::Log => linear(n).max(stack.parabolas(slot).greatest_between(n)),
+        // At the last entry the parabola is extrapolated.
+        Statistic::Ls | Statistic::Log => {
+            linear(n).max(stack.parabolas(slot).greatest_between(n)).min(stack.greatest(slot) as f64)
+        }
         _ => linear(n),
     })
 }

@@ -200,6 +200,7 @@ impl Sight {
         let (range_first, range_last, per_entry) = (sweeps.first, sweeps.last, sweeps.per_m);
         let span = s.mul(s.sub(most, least), per_entry);
         let fits = s.at_most(span, s.splat(WINDOW as f32 - 3.0));
+        // 120 entries are thirty coarse ones of four, and a window of those is 32.
         let fits_wide = s.at_most(span, s.splat(WIDE_WINDOW as f32 - 8.0));
         let mut inside = s.and(s.at_most(range_first, least), s.at_most(most, range_last));
         inside = s.and(inside, s.and(fits, s.at_most(s.splat(shape.nearest_m), distance)));

@@ -50,10 +50,10 @@ impl Kernel for AddPower<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> PowerSums {
-        let (inner, edge, updates) = self.accumulate(s);
+        let (inner, outer, updates) = self.accumulate(s);
         let mut sums = [0; VOXELS];
         inner.add_to(s, &mut sums);
-        edge.add_to(s, &mut sums);
+        outer.add_to(s, &mut sums);
         PowerSums { sums, updates }
     }
 }
@@ -66,20 +66,20 @@ impl Kernel for PowerValues<'_> {
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> Self::Out {
         let stack = self.0.stack;
-        let (inner, edge, updates) = self.0.accumulate(s);
+        let (inner, outer, updates) = self.0.accumulate(s);
         let mut values = [0.0; VOXELS];
-        if inner.is_narrow && edge.is_narrow && inner.greatest + edge.greatest <= i64::from(i32::MAX) {
+        if inner.is_narrow && outer.is_narrow && inner.greatest + outer.greatest <= i64::from(i32::MAX) {
             // The step is a power of two, so this rounds as `value_of` does.
             let step = s.splat(stack.step() as f32);
             for (layer, values) in values.chunks_exact_mut(LANES).enumerate() {
-                let sum = s.max_int(s.add_int(inner.narrow[layer], edge.narrow[layer]), s.splat_int(0));
+                let sum = s.max_int(s.add_int(inner.narrow[layer], outer.narrow[layer]), s.splat_int(0));
                 values.copy_from_slice(&s.store(s.mul(s.to_float(sum), step)));
             }
             return (values, updates);
         }
         let mut sums = [0; VOXELS];
         inner.add_to(s, &mut sums);
-        edge.add_to(s, &mut sums);
+        outer.add_to(s, &mut sums);
         for (value, sum) in values.iter_mut().zip(sums) {
             *value = stack.value_of(sum);
         }

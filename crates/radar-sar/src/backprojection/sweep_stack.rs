@@ -4,8 +4,8 @@
 //! A table holds what the statistic needs as a function of range alone (fast time), in steps of at
 //! most 5 mm and a sixteenth of the pulse, together with the slope to the next entry. Linear
 //! interpolation of |z|² is then within 0.3 % of its peak (0.1 % for profiles 3 to 5). Integer
-//! statistics (`ls`, `log`) are scaled so that a step of 1 is a small part of the noise. A stack
-//! has slots that can be refilled, so that a window of sweeps can roll.
+//! statistics (`ls`, `log`) are scaled so that a step of 1 is a small part of the noise; their tables
+//! also hold parabolas over coarse entries, which are as close and fewer. A stack has slots that can be refilled, so that a window of sweeps can roll.
 
 mod group;
 mod parabolas;
@@ -214,8 +214,7 @@ impl SweepStack {
     /// Limits the contribution of sweeps filled in from now on to so many steps per voxel.
     #[cfg(feature = "rolling")]
     pub(super) fn limit_steps(&mut self, most_steps: i32) {
-        // A parabola through three values from 0 to M reaches at most 9/8·M.
-        self.most_steps = (most_steps as f32 / 1.125).min(MAX_STEPS);
+        self.most_steps = ((f64::from(most_steps) / parabolas::OVERSHOOT) as f32).min(MAX_STEPS);
     }
 
     /// The statistic.

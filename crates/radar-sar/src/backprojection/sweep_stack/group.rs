@@ -17,7 +17,7 @@ pub(in super::super) struct Group {
     /// First and last range, metres.
     pub first_m: [f32; LANES],
     pub last_m: [f32; LANES],
-    /// Table entries per metre.
+    /// Table entries per metre, and metres per table entry.
     pub entries_per_m: [f32; LANES],
     pub entry_m: [f32; LANES],
     /// Points of the axis per metre, and table entries per point.
@@ -53,9 +53,7 @@ impl Group {
         drift: [[0.0; LANES]; 3],
         drift_squared: [0.0; LANES],
     };
-}
 
-impl Group {
     /// Copies lane `from` of another group to lane `to`.
     #[cfg(feature = "rolling")]
     pub(super) fn copy_lane(&mut self, to: usize, other: &Self, from: usize) {

@@ -131,10 +131,9 @@ fn write_slopes(plane: &mut [f32], entries: usize) {
     slope[entries - 1..].fill(0.0);
 }
 
-/// Greatest integer that a sweep with these values may add to a voxel: a parabola through three values from 0 to M reaches
-/// at most 9/8·M.
+/// Greatest integer that a sweep with these values may add to a voxel.
 fn greatest_integer(values: &[f32]) -> i64 {
-    1 + (1.125 * f64::from(greatest(values))) as i64
+    1 + (parabolas::OVERSHOOT * f64::from(greatest(values))) as i64
 }
 
 /// The greatest of non-negative values: their bits are ordered like the values.

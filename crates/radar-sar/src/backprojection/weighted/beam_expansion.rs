@@ -45,11 +45,10 @@ impl BeamExpansion {
 
     #[inline(always)]
     pub fn new<S: Lanes>(s: S, beam: &BeamTable, sweeps: &Group, sight: &Sight, shape: &BrickShape) -> Self {
-        let heights = shape.heights();
-        let toward = load3(s, &sight.toward);
         if beam.uniform {
             return Self::FLAT;
         }
+        let toward = load3(s, &sight.toward);
         let cos = s.load(&sight.cos);
         let per_m = s.div(s.splat(1.0), s.max(s.load(&sight.pose_distance_m), s.splat(1e-6)));
         // The cosine changes by at most ρ/d, and slightly more due to curvature.
@@ -71,7 +70,7 @@ impl BeamExpansion {
             s.neg_mul_add(s.mul(across, two), u, s.mul(along, w)),
         ];
         let bend = s.mul_add(s.mul_add(a2, w, s.mul(along, u)), w, s.mul(across, s.neg_mul_add(u, u, s.splat(1.0))));
-        let [outer, inner, ..] = heights;
+        let [outer, inner, ..] = shape.heights();
         Self {
             terms: [s.store(a0), s.store(a1), s.store(a2)],
             gradient_per_m: [s.store(gradient[0]), s.store(gradient[1]), s.store(gradient[2])],
