@@ -283,10 +283,10 @@ impl Kernel for Filter<'_> {
                 (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
                 (c, d) = (s.mul_add(x, tap_next, c), s.mul_add(y, tap_next, d));
             }
-            re[at..at + LANES].copy_from_slice(&s.store(a));
-            im[at..at + LANES].copy_from_slice(&s.store(b));
-            re_next[at..at + LANES].copy_from_slice(&s.store(c));
-            im_next[at..at + LANES].copy_from_slice(&s.store(d));
+            put(s, re, at, a);
+            put(s, im, at, b);
+            put(s, re_next, at, c);
+            put(s, im_next, at, d);
         }
     }
 }
@@ -296,6 +296,17 @@ impl Kernel for Filter<'_> {
 #[inline(always)]
 fn window<const N: usize>(values: &[f32], at: usize) -> Option<&[f32; N]> {
     values.get(at..)?.first_chunk()
+}
+
+/// Writes sixteen values from an index on, if there is room. Of known size: copying slices would be a
+/// call for each.
+#[inline(always)]
+fn put<S: Lanes>(s: S, to: &mut [f32], at: usize, values: S::F) {
+    if let Some(to) = to.get_mut(at..)
+        && let Some(sixteen) = to.first_chunk_mut()
+    {
+        *sixteen = s.store(values);
+    }
 }
 
 /// Two times sixteen of thirty-two values.
@@ -326,12 +337,10 @@ impl Kernel for FilterOne<'_> {
                 (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
                 (c, d) = (s.mul_add(x_next, tap, c), s.mul_add(y_next, tap, d));
             }
-            re[at..at + LANES].copy_from_slice(&s.store(a));
-            im[at..at + LANES].copy_from_slice(&s.store(b));
-            if re.len() >= at + 2 * LANES {
-                re[at + LANES..at + 2 * LANES].copy_from_slice(&s.store(c));
-                im[at + LANES..at + 2 * LANES].copy_from_slice(&s.store(d));
-            }
+            put(s, re, at, a);
+            put(s, im, at, b);
+            put(s, re, at + LANES, c);
+            put(s, im, at + LANES, d);
         }
     }
 }
