@@ -12,13 +12,13 @@ use glam::DVec3;
 
 use super::brick_geometry::Sweeps;
 use super::grid::BrickGrid;
-use super::sweep_stack::{Group, SweepStack};
+use super::sweep_stack::{Group, SweepStack, rounding_of_lookup};
 use crate::Statistic;
 use crate::math;
 use crate::simd::{LANES, Lanes, dot, scale3, splat3, sub3};
 
 /// Twice the greatest error of a kernel's distance (`power.rs`), metres.
-const DISTANCE_ERROR_M: f32 = 1e-4;
+const DISTANCE_ERROR_M: f32 = 2e-4;
 /// Greatest bound of one sweep where the unit can be chosen, in units. Choice: within f32's
 /// mantissa, so that a bound is exact, and fine enough that rounding up by a unit costs nothing.
 const FINE_STEPS: f64 = (1 << 22) as f64;
@@ -108,7 +108,8 @@ fn interval_maxima(stack: &SweepStack, slot: usize) -> impl Iterator<Item = f64>
         Statistic::Glrt | Statistic::Coherent => power(n).max(power((n + 1).min(stack.stride - 1))),
         // At the last entry the parabola is extrapolated.
         Statistic::Ls | Statistic::Log => {
-            linear(n).max(stack.parabolas(slot).greatest_between(n)).min(stack.greatest(slot) as f64)
+            let lines = linear(n) + rounding_of_lookup([f64::from(a[n]), f64::from(slopes[n]), 0.0]);
+            lines.max(stack.parabolas(slot).greatest_between(n)).min(stack.greatest(slot) as f64)
         }
         _ => linear(n),
     })
@@ -145,8 +146,7 @@ impl VoxelBox {
 /// Sweeps in lanes with their range maxima.
 pub(super) struct SweepLanes<'a, S: Lanes> {
     sweeps: Sweeps<S>,
-    /// The sensor's speed, and its movement while range increases by a metre.
-    speed: S::F,
+    /// The sensor's movement while range increases by a metre.
     drift: S::F,
     /// Range maxima of these sweeps only, so that indices stay small for any number of sweeps.
     rows: &'a [i32],
@@ -178,9 +178,8 @@ impl<'a, S: Lanes> SweepLanes<'a, S> {
 
     #[inline(always)]
     fn new(s: S, sweeps: Sweeps<S>, rows: &'a [i32], maxima: S::I) -> Self {
-        let speed = s.sqrt(dot(s, sweeps.velocity, sweeps.velocity));
-        let drift = s.mul(speed, s.abs(sweeps.time_per_m));
-        Self { sweeps, speed, drift, rows, maxima }
+        let drift = s.mul(sweeps.speed, s.abs(sweeps.time_per_m));
+        Self { sweeps, drift, rows, maxima }
     }
 }
 
@@ -203,7 +202,7 @@ pub(super) fn bounds<S: Lanes>(
     let offset = sub3(s, from_pose, scale3(s, sweep.velocity, time));
     // Points at other ranges are sampled from other positions. The difference is limited by the
     // speed, the time between them, and the error of the first estimate of the time.
-    let late = s.mul(lanes.speed, s.abs(time));
+    let late = s.mul(sweep.speed, s.abs(time));
     let wide = s.mul(s.add(s.add(radius, late), s.add(radius, late)), lanes.drift);
     let slack = s.add(wide, s.mul_add(pose_distance, s.splat(1e-6), s.splat(DISTANCE_ERROR_M)));
 

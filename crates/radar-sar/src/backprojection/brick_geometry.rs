@@ -8,6 +8,7 @@
 //! or the sensor is near or within it, each voxel is computed separately, with a square root and a
 //! test.
 
+use super::places::Windows;
 use super::sweep_stack::{Group, SweepStack, WIDE_WINDOW, WINDOW};
 use crate::math;
 use crate::simd::{LANES, Lanes, dot, load3, splat3, store3, sub3};
@@ -31,8 +32,12 @@ pub(super) struct BrickShape {
     pub half_m: f32,
     pub radius_m: f32,
     /// Least distance at which the expansion is accurate enough, and without its terms of third order.
-    nearest_m: f32,
-    nearest_second_order_m: f32,
+    pub nearest_m: f32,
+    pub nearest_second_order_m: f32,
+    /// What terms of second order leave out: on average −q/2r² times this.
+    pub third_order_m2: f32,
+    /// Greatest error of a distance.
+    error_m: f32,
 }
 
 impl BrickShape {
@@ -41,14 +46,17 @@ impl BrickShape {
         let half_m = voxel_m * (EDGE as f64 - 1.0) * 0.5;
         let radius_m = half_m * 3f64.sqrt();
         let nearest = |error_m: f64| radius_m + math::cbrt(radius_m.powi(4) / (8.0 * error_m));
-        // (|δ|² − q²)·q is at most 2ρ³/√27. Of the error, nine tenths for this and one for the rest.
-        let third_order = (radius_m.powi(3) / 27f64.sqrt() / (0.9 * error_m)).sqrt();
+        // (|δ|² − q²)·q lies within ρ³/4 of q·ρ²/4. Choice: of the error, 85 % for this, the rest for the
+        // fourth order, which makes the least distance about as small as it can be.
+        let third_order = (radius_m.powi(3) / 8.0 / (0.85 * error_m)).sqrt();
         Self {
             voxel_m: voxel_m as f32,
             half_m: half_m as f32,
             radius_m: radius_m as f32,
             nearest_m: nearest(error_m).max(2.0 * radius_m) as f32,
-            nearest_second_order_m: nearest(0.1 * error_m).max(2.0 * radius_m).max(third_order) as f32,
+            nearest_second_order_m: nearest(0.15 * error_m).max(2.0 * radius_m).max(third_order) as f32,
+            third_order_m2: (radius_m * radius_m / 4.0) as f32,
+            error_m: error_m as f32,
         }
     }
 
@@ -75,6 +83,7 @@ pub(super) struct Sweeps<S: Lanes> {
     pub start: [S::F; 3],
     pub drift: [S::F; 3],
     pub drift_squared: S::F,
+    pub speed: S::F,
 }
 
 impl<S: Lanes> Sweeps<S> {
@@ -94,6 +103,7 @@ impl<S: Lanes> Sweeps<S> {
             start: load3(s, &group.start_m),
             drift: load3(s, &group.drift),
             drift_squared: s.load(&group.drift_squared),
+            speed: s.load(&group.speed_m_per_s),
         }
     }
 
@@ -115,12 +125,14 @@ impl<S: Lanes> Sweeps<S> {
             start: lane3(s, &group.start_m, l),
             drift: lane3(s, &group.drift, l),
             drift_squared: s.splat(group.drift_squared[l]),
+            speed: s.splat(group.speed_m_per_s[l]),
         }
     }
 }
 
 /// Geometry between sweeps and bricks, lane by lane: sixteen sweeps and one brick, or one sweep and
 /// sixteen bricks.
+#[derive(Clone)]
 pub(super) struct Sight {
     /// Lanes that see every voxel, and lanes of which an edge may cross the brick.
     pub inside: u16,
@@ -137,23 +149,14 @@ pub(super) struct Sight {
     /// Unit vector from the sensor, when it sampled points at the brick's range, to the brick's
     /// centre.
     pub toward: [[f32; LANES]; 3],
-    /// Vector from the pose in the middle of the sweep to the brick's centre.
-    pub offset_from_pose_m: [[f32; LANES]; 3],
     /// Distance of the centre, half of its inverse and half of its inverse square.
     pub distance_m: [f32; LANES],
     pub half_per_m: [f32; LANES],
     pub half_per_m2: [f32; LANES],
     /// Factor of a deviation from the centre's distance, because the sensor moves while it samples.
     pub stretch: [f32; LANES],
-    /// The same in table entries per metre.
-    pub entries_per_m: [f32; LANES],
-    /// First entry of the window, and the centre's entry relative to it.
-    pub window: [i32; LANES],
-    pub entry: [f32; LANES],
-    /// Cosine to the boresight at the centre.
-    pub cos: [f32; LANES],
-    /// Distance of the centre from the pose in the middle of the sweep.
-    pub pose_distance_m: [f32; LANES],
+    /// In table entries.
+    pub windows: Windows,
 }
 
 impl Sight {
@@ -186,14 +189,11 @@ impl Sight {
             *toward = s.mul(s.neg_mul_add(drift, distance, *toward), per_m);
         }
         let stretch = s.sub(s.splat(1.0), dot(s, toward, drift));
-        let from_pose = sub3(s, center, sweeps.position);
-        let pose_distance = s.sqrt(dot(s, from_pose, from_pose));
-        let cos = s.div(dot(s, from_pose, sweeps.forward), s.max(pose_distance, s.splat(1e-6)));
 
         // Ranges of the voxels: at least the tangent plane's, at most that plus the curvature.
         let half = s.splat(shape.half_m);
         let reach = s.mul(s.add(s.abs(toward[0]), s.add(s.abs(toward[1]), s.abs(toward[2]))), half);
-        let slack = s.mul_add(s.abs(s.sub(stretch, s.splat(1.0))), radius, s.splat(1e-5));
+        let slack = s.mul_add(s.abs(s.sub(stretch, s.splat(1.0))), radius, s.splat(shape.error_m.max(1e-5)));
         let least = s.sub(s.sub(distance, reach), slack);
         let bend = s.mul(s.mul(radius, radius), s.mul(per_m, s.splat(0.5)));
         let most = s.add(s.add(distance, reach), s.add(bend, slack));
@@ -211,11 +211,15 @@ impl Sight {
         let mut some =
             s.and(s.at_most(range_first, s.add(distance, wide)), s.at_most(s.sub(distance, wide), range_last));
         if stack.beam.cut_cos > -1.0 {
-            // The direction to a voxel differs from the centre's by at most 2ρ/(2d − ρ).
-            let room = s.max(s.sub(s.add(pose_distance, pose_distance), radius), s.splat(1e-6));
-            let turn = s.mul_add(room, s.splat(1e-6), s.add(radius, radius));
-            let outside = s.mul(s.sub(s.splat(stack.beam.cut_cos), cos), room);
-            let near = s.at_most(pose_distance, s.add(radius, radius));
+            // The direction from the sweep's pose to a voxel differs from the centre's from the sensor by at
+            // most 2ρ/(2d − ρ), with ρ enlarged by the distance between the two.
+            let time = s.mul_add(distance, sweeps.time_per_m, sweeps.time_at_zero);
+            let radius = s.mul_add(s.abs(time), sweeps.speed, radius);
+            let twice = s.add(radius, radius);
+            let room = s.max(s.sub(s.add(distance, distance), radius), s.splat(1e-6));
+            let turn = s.mul_add(room, s.splat(1e-6), twice);
+            let outside = s.mul(s.sub(s.splat(stack.beam.cut_cos), dot(s, toward, sweeps.forward)), room);
+            let near = s.at_most(distance, twice);
             some = s.and(some, s.or(near, s.at_most(outside, turn)));
             inside = s.and(inside, s.at_most(turn, s.sub(s.splat(0.0), outside)));
         }
@@ -233,16 +237,15 @@ impl Sight {
             second_order: s.mask_bits(s.at_most(s.splat(shape.nearest_second_order_m), distance)),
             within_16: s.mask_bits(s.at_most(span, s.splat(16.0 - SPARE_ENTRIES))),
             toward: store3(s, toward),
-            offset_from_pose_m: store3(s, from_pose),
             distance_m: s.store(distance),
             half_per_m: s.store(half_per_m),
             half_per_m2: s.store(s.mul(half_per_m, per_m)),
             stretch: s.store(stretch),
-            entries_per_m: s.store(s.mul(stretch, per_entry)),
-            window: s.store_int(s.to_int(start)),
-            entry: s.store(s.sub(s.mul(s.sub(distance, range_first), per_entry), start)),
-            cos: s.store(cos),
-            pose_distance_m: s.store(pose_distance),
+            windows: Windows {
+                first: s.store_int(s.to_int(start)),
+                entry: s.store(s.sub(s.mul(s.sub(distance, range_first), per_entry), start)),
+                entries_per_m: s.store(s.mul(stretch, per_entry)),
+            },
         }
     }
 }

@@ -92,10 +92,13 @@ impl<'a> Bricks<'a> {
     fn put(&self, values: &[f32; VOXELS], [x, y]: [usize; 2], slab: &mut [f32]) {
         let [nx, ny, _] = self.grid.size;
         let (x, y) = (x * EDGE, y * EDGE);
-        let wide = EDGE.min(nx - x);
         for (layer, values) in slab.chunks_exact_mut(nx * ny).zip(values.chunks_exact(LANES)) {
-            for (row, values) in (y..ny).zip(values.chunks_exact(EDGE)) {
-                layer[row * nx + x..][..wide].copy_from_slice(&values[..wide]);
+            for (row, values) in (y..ny).zip(values.as_chunks::<EDGE>().0) {
+                let to = &mut layer[row * nx + x..(row + 1) * nx];
+                match to.first_chunk_mut() {
+                    Some(four) => *four = *values,
+                    None => to.copy_from_slice(&values[..to.len()]),
+                }
             }
         }
     }

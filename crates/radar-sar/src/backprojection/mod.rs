@@ -6,9 +6,11 @@
 mod beam_table;
 mod bounds;
 mod brick_geometry;
+mod curves;
 mod dense;
 mod edge_geometry;
 mod grid;
+mod places;
 mod power;
 #[cfg(feature = "rolling")]
 mod rolling;

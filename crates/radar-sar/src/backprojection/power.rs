@@ -6,9 +6,14 @@
 //! 64 bits before they could overflow.
 
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
-use super::edge_geometry::{AtEdge, DISTANCE_ERROR_M, Edges, Exact, from_sensor, fully_visible, read};
-use super::sweep_stack::{Parabolas, SweepStack, WINDOW, window};
-use crate::simd::{Kernel, LANES, Lanes, lane3, on_widest};
+use super::curves::{Curves, LinearWindow};
+use super::edge_geometry::{AtEdge, DISTANCE_ERROR_M, Edges, Exact, FromPoses, from_sensor, fully_visible, read};
+use super::places::{Expansion, Windows};
+use super::sweep_stack::{Parabolas, SweepStack, WINDOW};
+use crate::simd::{Kernel, LANES, Lanes, Part, on_widest};
+
+/// Choice: two hide most of the latency.
+const GROUPS_AT_ONCE: usize = 2;
 
 /// A brick shape accurate enough for these sums.
 pub(super) fn power_shape(voxel_m: f64) -> BrickShape {
@@ -68,12 +73,12 @@ impl Kernel for PowerValues<'_> {
         let stack = self.0.stack;
         let (inner, outer, updates) = self.0.accumulate(s);
         let mut values = [0.0; VOXELS];
-        if inner.is_narrow && outer.is_narrow && inner.greatest + outer.greatest <= i64::from(i32::MAX) {
+        if inner.wide.is_none() && outer.wide.is_none() && inner.greatest + outer.greatest <= i64::from(i32::MAX) {
             // The step is a power of two, so this rounds as `value_of` does.
             let step = s.splat(stack.step() as f32);
-            for (layer, values) in values.chunks_exact_mut(LANES).enumerate() {
+            for (layer, values) in values.as_chunks_mut().0.iter_mut().enumerate() {
                 let sum = s.max_int(s.add_int(inner.narrow[layer], outer.narrow[layer]), s.splat_int(0));
-                values.copy_from_slice(&s.store(s.mul(s.to_float(sum), step)));
+                *values = s.store(s.mul(s.to_float(sum), step));
             }
             return (values, updates);
         }
@@ -88,64 +93,100 @@ impl Kernel for PowerValues<'_> {
 }
 
 impl AddPower<'_> {
-    /// Sums of the sweeps that see the whole brick, of the others, and the updates. Apart, so that
-    /// the former stay in registers.
+    /// Sums of the sweeps that see the whole brick, of the others, and the updates.
     #[inline(always)]
     fn accumulate<S: Lanes>(&self, s: S) -> (Accumulator<S>, Accumulator<S>, u64) {
-        let (offsets, heights) = (Offsets::new(s, &self.shape), self.shape.heights());
+        let offsets = Offsets::new(s, &self.shape);
         let (mut inner, mut outer) = (Accumulator::new(s), Accumulator::new(s));
-        let mut updates = 0;
-        for &(group, lanes) in self.slots {
-            let sweeps = &self.stack.groups[group];
-            let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
-            let (mut inside, mut edge) = (sight.inside & lanes, sight.edge & lanes);
-            updates += u64::from(inside.count_ones() + edge.count_ones()) * VOXELS as u64;
-            let wide = edge & sight.wide;
-            // A wide window spans at most a window of such coarse entries.
-            let per_entry = s.load(&sweeps.coarse_per_entry);
-            let parabolic = s.mask_bits(s.at_most(per_entry, s.splat(0.25)));
-            let mut whole = 0;
-            if wide != 0 {
-                whole = wide & fully_visible(s, self.stack, group, &sight, &self.shape);
-                edge &= !whole;
-            }
-            let mut coarse = CoarseWindows::NONE;
-            if inside & !sight.within_8 | wide != 0 {
-                coarse = CoarseWindows::of(s, &sight, per_entry);
-            }
-            while inside != 0 {
-                let l = inside.trailing_zeros() as usize;
-                inside &= inside - 1;
-                let slot = group * LANES + l;
-                inner.expect(s, self.stack.greatest(slot));
-                add_inside(s, self.stack, slot, &sight, &coarse, l, &offsets, &mut inner.narrow);
-            }
-            while whole != 0 {
-                let l = whole.trailing_zeros() as usize;
-                whole &= whole - 1;
-                let slot = group * LANES + l;
-                outer.expect(s, self.stack.greatest(slot));
-                let exact = Exact::new(s, from_sensor(&sight, l), &offsets, heights);
-                if parabolic >> l & 1 == 1 {
-                    add_exact_parabolic(s, &sight, &coarse, l, &self.stack.parabolas(slot), &exact, &mut outer.narrow);
-                } else {
-                    add_exact(s, &sight, l, self.stack.values(slot), &exact, &mut outer.narrow);
+        let (mut narrow, mut updates) = (inner.narrow, 0);
+        // Some groups at once: while the first's sweeps are added, the geometry of the last is still on
+        // its way through square roots and divisions.
+        let mut rays = [Rays::NONE; GROUPS_AT_ONCE];
+        for some in self.slots.chunks(GROUPS_AT_ONCE) {
+            let mut inside = [0; GROUPS_AT_ONCE];
+            // Zipped iterators would not be compiled for the kernel's instructions.
+            for (n, &(group, lanes)) in some.iter().enumerate() {
+                let sweeps = &self.stack.groups[group];
+                let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
+                let edge = sight.edge & lanes;
+                inside[n] = sight.inside & lanes;
+                updates += u64::from(inside[n].count_ones() + edge.count_ones()) * VOXELS as u64;
+                if edge != 0 {
+                    s.apart(AddEdges { brick: self, group, sight: &sight, edge, sums: &mut outer });
+                }
+                if inside[n] != 0 {
+                    rays[n].set(s, &sight, s.load(&sweeps.coarse_per_entry), &self.shape);
                 }
             }
-            while edge != 0 {
-                let l = edge.trailing_zeros() as usize;
-                edge &= edge - 1;
-                outer.expect(s, self.stack.greatest(group * LANES + l));
-                let edges = Edges::new(s, self.stack, group, &sight, l, &offsets, heights);
-                let sums = &mut outer.narrow;
-                if (wide & parabolic) >> l & 1 == 1 {
-                    add_edge_parabolic(s, self.stack, group, &coarse, l, &edges, &offsets, sums);
-                } else {
-                    add_edge(s, self.stack, group, &sight, l, &edges, &offsets, sums);
+            for (n, &(group, _)) in some.iter().enumerate() {
+                let (rays, mut rest) = (&rays[n], inside[n]);
+                while rest != 0 {
+                    let l = rest.trailing_zeros() as usize;
+                    rest &= rest - 1;
+                    let slot = group * LANES + l;
+                    inner.expect(s, self.stack.greatest(slot), &mut narrow);
+                    add_inside(s, self.stack, slot, rays, l, &offsets, &mut narrow);
                 }
             }
         }
+        inner.narrow = narrow;
         (inner, outer, updates)
+    }
+}
+
+/// Adds sweeps that may not see every voxel.
+struct AddEdges<'a, S: Lanes> {
+    brick: &'a AddPower<'a>,
+    group: usize,
+    sight: &'a Sight,
+    edge: u16,
+    sums: &'a mut Accumulator<S>,
+}
+
+impl<S: Lanes> Part<S> for AddEdges<'_, S> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self, s: S) {
+        let Self { brick, group, sight, mut edge, sums } = self;
+        let (stack, shape, sweeps) = (brick.stack, &brick.shape, &brick.stack.groups[group]);
+        let (offsets, heights) = (Offsets::new(s, shape), shape.heights());
+        let wide = edge & sight.wide;
+        // A wide window spans at most a window of such coarse entries.
+        let per_entry = s.load(&sweeps.coarse_per_entry);
+        let parabolic = s.mask_bits(s.at_most(per_entry, s.splat(0.25)));
+        let mut whole = 0;
+        if wide != 0 {
+            let poses = FromPoses::new(s, sweeps, brick.center);
+            whole = wide & fully_visible(s, stack, group, (sight, &poses), shape);
+            edge &= !whole;
+        }
+        let coarse = sight.windows.coarse(s, per_entry);
+        let mut narrow = sums.narrow;
+        while whole != 0 {
+            let l = whole.trailing_zeros() as usize;
+            whole &= whole - 1;
+            let slot = group * LANES + l;
+            sums.expect(s, stack.greatest(slot), &mut narrow);
+            let exact = Exact::new(s, from_sensor(sight, l), &offsets, heights);
+            if parabolic >> l & 1 == 1 {
+                add_exact_parabolic(s, sight, &coarse, l, &stack.parabolas(slot), &exact, &mut narrow);
+            } else {
+                add_exact(s, sight, l, stack.values(slot), &exact, &mut narrow);
+            }
+        }
+        while edge != 0 {
+            let l = edge.trailing_zeros() as usize;
+            edge &= edge - 1;
+            sums.expect(s, stack.greatest(group * LANES + l), &mut narrow);
+            let edges = Edges::new(s, stack, group, brick.center, l, &offsets, heights);
+            if (wide & parabolic) >> l & 1 == 1 {
+                add_edge_parabolic(s, stack, group, &coarse, l, &edges, &offsets, &mut narrow);
+            } else {
+                add_edge(s, stack, group, sight, l, &edges, &offsets, &mut narrow);
+            }
+        }
+        sums.narrow = narrow;
     }
 }
 
@@ -154,31 +195,34 @@ struct Accumulator<S: Lanes> {
     narrow: [S::I; EDGE],
     /// Greatest possible value of the narrow sums.
     greatest: i64,
-    is_narrow: bool,
-    wide: [i64; VOXELS],
+    /// What no longer fitted.
+    wide: Option<[i64; VOXELS]>,
 }
 
 impl<S: Lanes> Accumulator<S> {
     #[inline(always)]
     fn new(s: S) -> Self {
-        Self { narrow: [s.splat_int(0); EDGE], greatest: 0, is_narrow: true, wide: [0; VOXELS] }
+        Self { narrow: [s.splat_int(0); EDGE], greatest: 0, wide: None }
     }
 
-    /// Makes room for a sweep that adds at most so much.
+    /// Makes room for a sweep that adds at most so much. `narrow`: the narrow sums, which a loop over
+    /// sweeps keeps in registers.
     #[inline(always)]
-    fn expect(&mut self, s: S, most: i64) {
+    fn expect(&mut self, s: S, most: i64, narrow: &mut [S::I; EDGE]) {
         self.greatest += most;
         if self.greatest > i64::from(i32::MAX) {
-            add_wide(s, &self.narrow, &mut self.wide);
-            (self.narrow, self.greatest, self.is_narrow) = ([s.splat_int(0); EDGE], most, false);
+            add_wide(s, narrow, self.wide.get_or_insert([0; VOXELS]));
+            (*narrow, self.greatest) = ([s.splat_int(0); EDGE], most);
         }
     }
 
     #[inline(always)]
     fn add_to(&self, s: S, sums: &mut [i64; VOXELS]) {
         add_wide(s, &self.narrow, sums);
-        for (sum, wide) in sums.iter_mut().zip(self.wide) {
-            *sum += wide;
+        if let Some(wide) = &self.wide {
+            for (sum, wide) in sums.iter_mut().zip(wide) {
+                *sum += wide;
+            }
         }
     }
 }
@@ -193,98 +237,66 @@ fn add_wide<S: Lanes>(s: S, narrow: &[S::I; EDGE], wide: &mut [i64; VOXELS]) {
     }
 }
 
-/// All voxels are within range and beam: the window of the tables is in registers. The fewer entries
+/// Adds a sweep that sees the whole brick. The window of the tables is in registers; the fewer entries
 /// it needs, the fewer permutes where registers have eight lanes.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
 pub(super) fn add_inside<S: Lanes>(
     s: S,
     stack: &SweepStack,
     slot: usize,
-    sight: &Sight,
-    coarse: &CoarseWindows,
+    rays: &Rays,
     l: usize,
     offsets: &Offsets<S>,
     sums: &mut [S::I; EDGE],
 ) {
-    if (sight.within_8 & sight.second_order) >> l & 1 == 1 {
-        add_linear::<S, 2>(s, sight, l, stack.table(slot, 0), offsets, sums);
-    } else if sight.within_8 >> l & 1 == 1 {
-        add_linear::<S, 3>(s, sight, l, stack.table(slot, 0), offsets, sums);
-    } else if sight.within_8_coarse >> l & 1 == 1 {
-        add_parabolic::<S, 8>(s, sight, coarse, l, &stack.parabolas(slot), offsets, sums);
+    let expansion = &rays.expansion;
+    let places = expansion.places(s, l, offsets);
+    let first = expansion.windows.first[l] as usize;
+    if rays.within_8 >> l & 1 == 1 {
+        let Some(lines) = Curves::<S, 2>::new(s, stack.table(slot, 0), first) else { return };
+        add_values(s, &lines, places, sums);
+    } else if rays.within_8_coarse >> l & 1 == 1 {
+        let Some(window) = stack.parabolas(slot).window(first) else { return };
+        add_values(s, &Curves::parabolas(s, window), places, sums);
     } else {
         // An entry at most half as fine: a brick that spans a window spans half of it.
-        add_parabolic::<S, { WINDOW / 2 }>(s, sight, coarse, l, &stack.parabolas(slot), offsets, sums);
+        let Some(window) = stack.parabolas(slot).window::<{ WINDOW / 2 }>(first) else { return };
+        for (sum, place) in sums.iter_mut().zip(places) {
+            *sum = s.add_int(*sum, s.to_int(on_parabolas(s, window, place)));
+        }
     }
 }
 
-/// From eight entries, with distances to second or third order.
 #[inline(always)]
-fn add_linear<S: Lanes, const ORDER: usize>(
+fn add_values<S: Lanes, const TERMS: usize>(
     s: S,
-    sight: &Sight,
-    l: usize,
-    table: &[f32],
-    offsets: &Offsets<S>,
+    curves: &Curves<S, TERMS>,
+    places: [S::F; EDGE],
     sums: &mut [S::I; EDGE],
 ) {
-    let first = sight.window[l] as usize;
-    let (values, slopes) = table.split_at(table.len() / 2);
-    let (Some(values), Some(slopes)) = (window::<8>(values, first), window::<8>(slopes, first)) else { return };
-    let deviations = Deviations::new(s, sight, l, offsets);
-    let (per_m, entry) = (s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
-    for (layer, sum) in sums.iter_mut().enumerate() {
-        let at = s.mul_add(deviations.in_layer::<ORDER>(s, offsets, layer), per_m, entry);
-        let whole = s.floor(at);
-        let n = s.to_int(whole);
-        let value = s.mul_add(s.sub(at, whole), s.look_up(slopes, n), s.look_up(values, n));
-        *sum = s.add_int(*sum, s.to_int(value));
+    for (sum, place) in sums.iter_mut().zip(places) {
+        *sum = s.add_int(*sum, s.to_int(curves.at(s, place)));
     }
 }
 
-/// From N coarse entries.
-#[inline(always)]
-fn add_parabolic<S: Lanes, const N: usize>(
-    s: S,
-    sight: &Sight,
-    coarse: &CoarseWindows,
-    l: usize,
-    parabolas: &Parabolas<'_>,
-    offsets: &Offsets<S>,
-    sums: &mut [S::I; EDGE],
-) {
-    let Some(parabolas) = parabolas.window::<N>(coarse.first[l] as usize) else { return };
-    let deviations = Deviations::new(s, sight, l, offsets);
-    let (per_m, entry) = (s.splat(coarse.entries_per_m[l]), s.splat(coarse.entry[l]));
-    for (layer, sum) in sums.iter_mut().enumerate() {
-        let at = s.mul_add(deviations.in_layer::<3>(s, offsets, layer), per_m, entry);
-        *sum = s.add_int(*sum, s.to_int(on_parabolas(s, parabolas, at)));
-    }
+/// Geometry of sixteen sweeps that see a whole brick, or of one sweep that sees sixteen bricks.
+pub(super) struct Rays {
+    expansion: Expansion,
+    /// Lanes whose windows are eight entries, or eight coarse ones; the others' are wider.
+    within_8: u16,
+    within_8_coarse: u16,
 }
 
-/// Windows of coarse entries, lane by lane.
-pub(super) struct CoarseWindows {
-    /// First entry, and the centre's entry relative to it.
-    first: [i32; LANES],
-    entry: [f32; LANES],
-    entries_per_m: [f32; LANES],
-}
-
-impl CoarseWindows {
-    /// For lanes that need none.
-    const NONE: Self = Self { first: [0; LANES], entry: [0.0; LANES], entries_per_m: [0.0; LANES] };
+impl Rays {
+    pub(super) const NONE: Self = Self { expansion: Expansion::NONE, within_8: 0, within_8_coarse: 0 };
 
     /// `per_entry`: coarse entries per table entry.
     #[inline(always)]
-    pub(super) fn of<S: Lanes>(s: S, sight: &Sight, per_entry: S::F) -> Self {
-        let start = s.mul(s.to_float(s.load_int(&sight.window)), per_entry);
-        let first = s.floor(start);
-        Self {
-            first: s.store_int(s.to_int(first)),
-            entry: s.store(s.mul_add(s.load(&sight.entry), per_entry, s.sub(start, first))),
-            entries_per_m: s.store(s.mul(s.load(&sight.entries_per_m), per_entry)),
-        }
+    pub(super) fn set<S: Lanes>(&mut self, s: S, sight: &Sight, per_entry: S::F, shape: &BrickShape) {
+        let fine = sight.within_8;
+        let per_entry = s.add(s.or_zero(s.mask(fine), s.splat(1.0)), s.or_zero(s.mask(!fine), per_entry));
+        self.expansion.set(s, sight, sight.windows.coarse(s, per_entry), shape);
+        (self.within_8, self.within_8_coarse) = (fine, sight.within_8_coarse);
     }
 }
 
@@ -297,37 +309,12 @@ fn on_parabolas<S: Lanes, const N: usize>(s: S, [a, b, c]: [&[f32; N]; 3], at: S
     s.mul_add(t, slope, s.look_up(a, n))
 }
 
-/// Distances of a brick's voxels relative to the centre's, for one sweep; to second or third order.
-struct Deviations<S: Lanes> {
-    flat: S::F,
-    up: S::F,
-    half: S::F,
-    half2: S::F,
-}
-
-impl<S: Lanes> Deviations<S> {
-    #[inline(always)]
-    fn new(s: S, sight: &Sight, l: usize, offsets: &Offsets<S>) -> Self {
-        let [ux, uy, uz] = lane3(s, &sight.toward, l);
-        let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
-        Self { flat, up: uz, half: s.splat(sight.half_per_m[l]), half2: s.splat(sight.half_per_m2[l]) }
-    }
-
-    #[inline(always)]
-    fn in_layer<const ORDER: usize>(&self, s: S, offsets: &Offsets<S>, layer: usize) -> S::F {
-        let q = s.mul_add(offsets.z[layer], self.up, self.flat);
-        let across = s.neg_mul_add(q, q, offsets.squared[layer]);
-        let half = if ORDER == 2 { self.half } else { s.neg_mul_add(q, self.half2, self.half) };
-        s.mul_add(across, half, q)
-    }
-}
-
 /// All voxels are within range and beam; each takes its own square root.
 #[inline(always)]
 fn add_exact_parabolic<S: Lanes>(
     s: S,
     sight: &Sight,
-    coarse: &CoarseWindows,
+    coarse: &Windows,
     l: usize,
     parabolas: &Parabolas<'_>,
     exact: &Exact<S>,
@@ -345,8 +332,8 @@ fn add_exact_parabolic<S: Lanes>(
 /// The same from entries that are not coarse.
 #[inline(always)]
 fn add_exact<S: Lanes>(s: S, sight: &Sight, l: usize, values: &[f32], exact: &Exact<S>, sums: &mut [S::I; EDGE]) {
-    let per_m = sight.entries_per_m[l];
-    let entry = (-per_m).mul_add(sight.distance_m[l], sight.entry[l] + sight.window[l] as f32);
+    let per_m = sight.windows.entries_per_m[l];
+    let entry = (-per_m).mul_add(sight.distance_m[l], sight.windows.entry[l] + sight.windows.first[l] as f32);
     let (entry, per_m) = (s.splat(entry), s.splat(per_m));
     let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
     for (layer, place) in places.iter_mut().enumerate() {
@@ -376,7 +363,7 @@ fn add_edge_parabolic<S: Lanes>(
     s: S,
     stack: &SweepStack,
     group: usize,
-    coarse: &CoarseWindows,
+    coarse: &Windows,
     l: usize,
     edges: &Edges<'_, S>,
     offsets: &Offsets<S>,

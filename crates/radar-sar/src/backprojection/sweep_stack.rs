@@ -5,14 +5,15 @@
 //! most 5 mm and a sixteenth of the pulse, together with the slope to the next entry. Linear
 //! interpolation of |z|² is then within 0.3 % of its peak (0.1 % for profiles 3 to 5). Integer
 //! statistics (`ls`, `log`) are scaled so that a step of 1 is a small part of the noise; their tables
-//! also hold parabolas over coarse entries, which are as close and fewer. A stack has slots that can be refilled, so that a window of sweeps can roll.
+//! also hold parabolas over coarse entries, which are as close and fewer. A stack has slots that can
+//! be refilled, so that a window of sweeps can roll.
 
 mod group;
 mod parabolas;
 mod tables;
 
 pub(super) use group::Group;
-pub(super) use parabolas::Parabolas;
+pub(super) use parabolas::{Parabolas, rounding_of_lookup};
 use tables::TableMaker;
 
 use std::sync::Arc;
@@ -109,6 +110,9 @@ pub struct SweepStack {
     filled: Vec<bool>,
     pub(super) planes: usize,
     pub(super) stride: usize,
+    /// Number of values in all tables of a slot, and distance between its planes of parabolas.
+    slot_len: usize,
+    apart: usize,
     tables: Vec<f32>,
     /// Greatest integer that each slot can add to a voxel.
     greatest: Vec<i64>,
@@ -167,6 +171,8 @@ impl SweepStack {
             filled: vec![false; groups * LANES],
             planes,
             stride,
+            slot_len: planes * 2 * stride,
+            apart: parabolas::apart(stride),
             tables: vec![0.0; groups * LANES * planes * 2 * stride],
             greatest: vec![0; groups * LANES],
         }
@@ -261,7 +267,7 @@ impl SweepStack {
     /// Values of one plane of a slot's tables and, `stride` further on, their slopes.
     #[inline(always)]
     pub(super) fn table(&self, slot: usize, plane: usize) -> &[f32] {
-        let at = (slot * self.planes + plane) * 2 * self.stride;
+        let at = slot * self.slot_len + plane * 2 * self.stride;
         &self.tables[at..at + 2 * self.stride]
     }
 
@@ -274,11 +280,10 @@ impl SweepStack {
     /// The parabolas of a slot's sweep, for integer statistics.
     #[inline(always)]
     pub(super) fn parabolas(&self, slot: usize) -> Parabolas<'_> {
-        let apart = parabolas::apart(self.stride);
-        let (a, others) = self.table(slot, 1).split_at(apart);
-        let (b, others) = others.split_at(apart);
+        let (a, others) = self.table(slot, 1).split_at(self.apart);
+        let (b, others) = others.split_at(self.apart);
         let per_entry = self.groups[slot / LANES].coarse_per_entry[slot % LANES];
-        Parabolas::new([a, b, &others[..apart]], per_entry)
+        Parabolas::new([a, b, others], per_entry)
     }
 
     /// |x| of the points of a slot's sweep (`thesis`), zeros beyond.
@@ -303,7 +308,7 @@ impl SweepStack {
     pub fn fill(&mut self, slot: usize, observation: &Observation) -> Result<(), SweepRefusal> {
         self.empty(slot);
         let axis = check(observation, extent(observation), &self.axes)?;
-        let long = self.table_len();
+        let long = self.slot_len;
         let (maker, table) = (self.maker(), &mut self.tables[slot * long..][..long]);
         let greatest = maker.write(&self.axes[axis], observation, table, &mut CompressionScratch::default());
         self.put(slot, observation, axis, greatest);
@@ -327,7 +332,7 @@ impl SweepStack {
             let axis = (*axes.get(n)?)?;
             Some((&observations[n], axis))
         };
-        let (long, maker, of_axis) = (self.table_len().max(1), self.maker(), &self.axes);
+        let (long, maker, of_axis) = (self.slot_len.max(1), self.maker(), &self.axes);
         let write = |room: &mut CompressionScratch, (slot, (table, greatest)): (usize, (&mut [f32], &mut i64))| {
             if let Some((observation, axis)) = of_slot(slot) {
                 *greatest = maker.write(&of_axis[axis], observation, table, room);
@@ -343,11 +348,6 @@ impl SweepStack {
         axes.iter().filter(|axis| axis.is_none()).count()
     }
 
-    /// Number of values in all tables of a slot.
-    fn table_len(&self) -> usize {
-        self.planes * 2 * self.stride
-    }
-
     fn maker(&self) -> TableMaker {
         TableMaker { statistic: self.statistic, step: self.step, most_steps: self.most_steps, stride: self.stride }
     }
@@ -361,7 +361,7 @@ impl SweepStack {
     /// Copies a slot of another stack, created for the same sweeps, into a slot of this one.
     #[cfg(feature = "rolling")]
     pub(super) fn copy_slot(&mut self, slot: usize, other: &Self, from: usize) {
-        let long = self.table_len();
+        let long = self.slot_len;
         self.tables[slot * long..][..long].copy_from_slice(&other.tables[from * long..][..long]);
         self.groups[slot / LANES].copy_lane(slot % LANES, &other.groups[from / LANES], from % LANES);
         self.greatest[slot] = other.greatest[from];

@@ -8,19 +8,19 @@
 
 mod beam_expansion;
 mod phase;
-mod places;
 mod weight_sum;
 
 use beam_expansion::{Amplitudes, BeamExpansion};
 use phase::{Phase, add_turned};
-use places::{SecondOrder, third_order};
 use weight_sum::{WeightSum, at};
 
 use super::beam_table::amplitude_at;
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
-use super::edge_geometry::{AtEdge, Edges, Exact, extent, from_sensor, fully_visible, read};
-use super::sweep_stack::{HALF_WINDOW, SweepStack, TABLE_STEP_M, WIDE_WINDOW, WINDOW, window};
-use crate::simd::{Kernel, LANES, Lanes, dot, lane3, load3, on_widest};
+use super::curves::{Curves, LinearWindow, Lines};
+use super::edge_geometry::{AtEdge, Edges, Exact, FromPoses, extent, from_pose, from_sensor, fully_visible, read};
+use super::places::Expansion;
+use super::sweep_stack::{HALF_WINDOW, SweepStack, TABLE_STEP_M, WIDE_WINDOW, WINDOW};
+use crate::simd::{Kernel, LANES, Lanes, Part, dot, lane3, load3, on_widest, splat3};
 use crate::{HALF_TURNS_PER_M, Statistic};
 
 /// Greatest error of a distance, metres. Choice: 1 % of a radian of phase.
@@ -98,18 +98,18 @@ impl AddWeighted<'_> {
         let (mut gathered, mut at_edge) = (Gathered::none(s), Gathered::none(s));
         let (mut weights, mut edge_weights) = (WeightSum::none(s), [s.splat(0.0); EDGE]);
         let mut updates = 0;
-        let jumps = PLANES == 1 && self.stack.statistic() == Statistic::Thesis;
         for (group, sweeps) in self.stack.groups.iter().enumerate() {
             let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
+            let poses = FromPoses::new(s, sweeps, self.center);
             let mut beam = BeamExpansion::FLAT;
             if sight.inside != 0 {
-                beam = BeamExpansion::new(s, &self.stack.beam, sweeps, &sight, &self.shape);
+                beam = BeamExpansion::new(s, &self.stack.beam, sweeps, (&sight, &poses), &self.shape);
             }
             let phase = Phase::new(s, sweeps, &sight);
-            let second_order = SecondOrder::new(s, sweeps, &sight, &self.shape);
-            let whole = if jumps { self.fully_visible(s, group, &sight) } else { 0 };
+            let mut expansion = Expansion::NONE;
+            expansion.set(s, &sight, sight.windows.clone(), &self.shape);
             let mut inside = sight.inside & beam.good;
-            let mut edge = (sight.inside | sight.edge) & !inside;
+            let edge = (sight.inside | sight.edge) & !inside;
             updates += u64::from((sight.inside | sight.edge).count_ones()) * VOXELS as u64;
             if PLANES > 1 {
                 weights.add(s, inside, &sight, &beam);
@@ -117,70 +117,60 @@ impl AddWeighted<'_> {
             while inside != 0 {
                 let l = inside.trailing_zeros() as usize;
                 inside &= inside - 1;
-                let of = (&sight, &beam, &phase, &second_order);
-                if (sight.within_8 & sight.second_order) >> l & 1 == 1 {
-                    self.add_inside::<S, PLANES, 8, 2>(s, group, of, l, &offsets, &mut gathered);
-                } else if sight.within_8 >> l & 1 == 1 {
-                    self.add_inside::<S, PLANES, 8, 3>(s, group, of, l, &offsets, &mut gathered);
+                let of = (&expansion, &beam, &phase);
+                if sight.within_8 >> l & 1 == 1 {
+                    self.add_inside::<S, PLANES, Curves<S, 2>>(s, group, of, l, &offsets, &mut gathered);
                 } else if sight.within_16 >> l & 1 == 1 {
-                    self.add_inside::<S, PLANES, 16, 3>(s, group, of, l, &offsets, &mut gathered);
+                    self.add_inside::<S, PLANES, Lines<'_, 16>>(s, group, of, l, &offsets, &mut gathered);
                 } else {
-                    self.add_inside::<S, PLANES, WINDOW, 3>(s, group, of, l, &offsets, &mut gathered);
+                    self.add_inside::<S, PLANES, Lines<'_, WINDOW>>(s, group, of, l, &offsets, &mut gathered);
                 }
             }
-            while edge != 0 {
-                let l = edge.trailing_zeros() as usize;
-                edge &= edge - 1;
-                if jumps && whole >> l & 1 == 1 {
-                    self.add_fully_visible_nearest(s, group, &sight, l, &offsets, &mut at_edge.re);
-                } else if jumps {
-                    self.add_edge_nearest(s, group, &sight, l, &offsets, &mut at_edge.re);
-                } else {
-                    self.add_edge::<S, PLANES>(s, group, &sight, &phase, l, &offsets, &mut at_edge, &mut edge_weights);
-                }
+            if edge != 0 {
+                let sums = (&mut at_edge, &mut edge_weights);
+                s.apart(AddEdges::<S, PLANES> {
+                    brick: self,
+                    group,
+                    sight: &sight,
+                    poses: &poses,
+                    phase: &phase,
+                    edge,
+                    sums,
+                });
             }
         }
         let terms = weights.total(s);
         let mut values = [0.0; VOXELS];
-        for (layer, values) in values.chunks_exact_mut(LANES).enumerate() {
+        for (layer, values) in values.as_chunks_mut().0.iter_mut().enumerate() {
             let re = s.add(gathered.re[layer], at_edge.re[layer]);
             let im = s.add(gathered.im[layer], at_edge.im[layer]);
             let weights = s.add(at(s, &terms, &offsets, layer), edge_weights[layer]);
-            values.copy_from_slice(&s.store(value::<S, PLANES>(s, re, im, weights)));
+            *values = s.store(value::<S, PLANES>(s, re, im, weights));
         }
         WeightedValues { values, updates }
     }
 
-    /// Voxels of a sweep that sees them all; the tables' windows have N entries, and distances are
-    /// expanded to that order.
+    /// Voxels of a sweep that sees them all.
     #[inline(always)]
-    fn add_inside<S: Lanes, const PLANES: usize, const N: usize, const ORDER: usize>(
-        &self,
+    fn add_inside<'a, S: Lanes, const PLANES: usize, W: LinearWindow<'a, S>>(
+        &'a self,
         s: S,
         group: usize,
-        (sight, beam, phase, second_order): (&Sight, &BeamExpansion, &Phase, &SecondOrder),
+        (expansion, beam, phase): (&Expansion, &BeamExpansion, &Phase),
         l: usize,
         offsets: &Offsets<S>,
         gathered: &mut Gathered<S>,
     ) {
-        let (slot, first) = (group * LANES + l, sight.window[l] as usize);
-        let parts = if PLANES == 3 { 2 } else { 1 };
-        let mut windows = [(&[0.0; N], &[0.0; N]); 2];
-        for (plane, of_plane) in windows[..parts].iter_mut().enumerate() {
-            let (values, slopes) = self.stack.table(slot, plane).split_at(self.stack.stride);
-            let (Some(values), Some(slopes)) = (window(values, first), window(slopes, first)) else { return };
-            *of_plane = (values, slopes);
-        }
-        let [ux, uy, _] = lane3(s, &sight.toward, l);
+        let (slot, first) = (group * LANES + l, expansion.windows.first[l] as usize);
+        // Where only the first is summed, the other is not read.
+        let Some(first_part) = W::new(s, self.stack.table(slot, 0), first) else { return };
+        let Some(second_part) = W::new(s, self.stack.table(slot, usize::from(PLANES == 3)), first) else { return };
+        let windows = [first_part, second_part];
         let [gx, gy, _] = lane3(s, &beam.gradient_per_m, l);
-        let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
+        let flat = expansion.flat(s, l, offsets);
         let flat_g = s.mul_add(offsets.x, gx, s.mul(offsets.y, gy));
         let amplitude = Amplitudes::of(s, beam, l, offsets, [flat, flat_g]);
-        let places = if ORDER == 2 {
-            second_order.places(s, sight, l, offsets)
-        } else {
-            third_order(s, sight, l, offsets, flat)
-        };
+        let places = expansion.places(s, l, offsets);
         let ray = Ray { phase, l, windows, amplitude };
         let Gathered { re, im } = gathered;
         let mut parts = [[s.splat(0.0); 2]; EDGE];
@@ -210,7 +200,7 @@ impl AddWeighted<'_> {
         let center = s.splat(sight.distance_m[l]);
         let center_half_turns = s.splat(phase.center_half_turns[l]);
         let zero = s.splat(0.0);
-        let edges = Edges::new(s, self.stack, group, sight, l, offsets, self.shape.heights());
+        let edges = Edges::new(s, self.stack, group, self.center, l, offsets, self.shape.heights());
         // First all table positions, then the values, so that lookups do not wait for each other.
         let mut places = [(s.splat_int(0), zero); EDGE];
         let mut seens = [LayerVisibility::<S> { counts: s.mask(0), amplitude: zero, half_turns: zero }; EDGE];
@@ -270,7 +260,7 @@ impl AddWeighted<'_> {
         let sweeps = &self.stack.groups[group];
         let per_m = s.splat(sweeps.points_per_m[l]);
         let least = s.splat(1.0 / sweeps.entries_per_m[l]);
-        let edges = Edges::new(s, self.stack, group, sight, l, offsets, self.shape.heights());
+        let edges = Edges::new(s, self.stack, group, self.center, l, offsets, self.shape.heights());
         let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
         for (layer, (place, weight)) in places.iter_mut().enumerate() {
             let seen = edges.layer(s, offsets, layer);
@@ -285,7 +275,7 @@ impl AddWeighted<'_> {
     /// Lanes whose voxels [`Self::add_fully_visible_nearest`] can process: the sensor hardly moves while it
     /// samples.
     #[inline(always)]
-    fn fully_visible<S: Lanes>(&self, s: S, group: usize, sight: &Sight) -> u16 {
+    fn fully_visible<S: Lanes>(&self, s: S, group: usize, sight: &Sight, poses: &FromPoses<S>) -> u16 {
         if self.stack.beam.polynomial.is_none() {
             return 0;
         }
@@ -295,7 +285,7 @@ impl AddWeighted<'_> {
         let time = s.mul_add(distance, s.load(&sweeps.time_s_per_m), s.load(&sweeps.time_at_zero_s));
         let still = s.at_most(s.mul(speed, s.abs(time)), s.mul(distance, s.splat(MOVED_SHARE)));
         let beyond_first = s.at_most(s.splat(self.shape.radius_m * 1.1 + HELD_M), distance);
-        s.mask_bits(s.and(still, beyond_first)) & fully_visible(s, self.stack, group, sight, &self.shape)
+        s.mask_bits(s.and(still, beyond_first)) & fully_visible(s, self.stack, group, (sight, poses), &self.shape)
     }
 
     /// The same where each voxel counts and the sensor is nearly at rest: one distance is enough.
@@ -312,7 +302,7 @@ impl AddWeighted<'_> {
         let Some(polynomial) = &self.stack.beam.polynomial else { return };
         let (sweeps, heights) = (&self.stack.groups[group], self.shape.heights());
         let exact = Exact::new(s, from_sensor(sight, l), offsets, heights);
-        let [forward, from_pose] = [lane3(s, &sweeps.forward, l), lane3(s, &sight.offset_from_pose_m, l)];
+        let (forward, from_pose) = (lane3(s, &sweeps.forward, l), splat3(s, from_pose(sweeps, self.center, l)));
         // t of the beam's polynomial is `along` / distance + `at_zero`.
         let along = dot(s, from_pose, forward);
         let along = s.mul_add(offsets.x, forward[0], s.mul_add(offsets.y, forward[1], along));
@@ -352,7 +342,7 @@ impl AddWeighted<'_> {
     ) {
         let (sweeps, points) = (&self.stack.groups[group], self.stack.points(group * LANES + l));
         // The window's first point, at the same distance along the axis as its first entry.
-        let first = sight.window[l] / sweeps.entries_per_point[l];
+        let first = sight.windows.first[l] / sweeps.entries_per_point[l];
         let from = if sight.wide >> l & 1 == 1 { points.get(first as usize..).unwrap_or_default() } else { &[] };
         let offset = s.splat_int(-first);
         // A brick that spans so few entries spans at most half as many points.
@@ -373,6 +363,40 @@ impl AddWeighted<'_> {
     }
 }
 
+/// Adds sweeps of a group to voxels one by one.
+struct AddEdges<'a, S: Lanes, const PLANES: usize> {
+    brick: &'a AddWeighted<'a>,
+    group: usize,
+    sight: &'a Sight,
+    poses: &'a FromPoses<S>,
+    phase: &'a Phase,
+    edge: u16,
+    sums: (&'a mut Gathered<S>, &'a mut [S::F; EDGE]),
+}
+
+impl<S: Lanes, const PLANES: usize> Part<S> for AddEdges<'_, S, PLANES> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self, s: S) {
+        let Self { brick, group, sight, poses, phase, mut edge, sums: (gathered, weights) } = self;
+        let offsets = Offsets::new(s, &brick.shape);
+        let jumps = PLANES == 1 && brick.stack.statistic() == Statistic::Thesis;
+        let whole = if jumps { brick.fully_visible(s, group, sight, poses) } else { 0 };
+        while edge != 0 {
+            let l = edge.trailing_zeros() as usize;
+            edge &= edge - 1;
+            if whole >> l & 1 == 1 {
+                brick.add_fully_visible_nearest(s, group, sight, l, &offsets, &mut gathered.re);
+            } else if jumps {
+                brick.add_edge_nearest(s, group, sight, l, &offsets, &mut gathered.re);
+            } else {
+                brick.add_edge::<S, PLANES>(s, group, sight, phase, l, &offsets, gathered, weights);
+            }
+        }
+    }
+}
+
 /// One sweep's geometry at a layer's voxels.
 #[derive(Clone, Copy)]
 struct LayerVisibility<S: Lanes> {
@@ -383,27 +407,23 @@ struct LayerVisibility<S: Lanes> {
 }
 
 /// One sweep that sees the whole brick.
-struct Ray<'a, S: Lanes, const N: usize> {
+struct Ray<'a, S: Lanes, W> {
     phase: &'a Phase,
     l: usize,
-    /// Values and slopes of the table, for each part.
-    windows: [(&'a [f32; N], &'a [f32; N]); 2],
+    /// Windows of the tables, for each part.
+    windows: [W; 2],
     amplitude: Amplitudes<S>,
 }
 
-impl<S: Lanes, const N: usize> Ray<'_, S, N> {
+impl<'a, S: Lanes, W: LinearWindow<'a, S>> Ray<'_, S, W> {
     /// The tables' values at places in their windows.
     #[inline(always)]
     fn parts<const PLANES: usize>(&self, s: S, place: S::F) -> [S::F; 2] {
-        let whole = s.floor(place);
-        let (n, rest) = (s.to_int(whole), s.sub(place, whole));
-        let (values, slopes) = self.windows[0];
-        let real = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
+        let real = self.windows[0].value(s, place);
         if PLANES < 3 {
             return [real, real];
         }
-        let (values, slopes) = self.windows[1];
-        [real, s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n))]
+        [real, self.windows[1].value(s, place)]
     }
 
     /// The sums of a layer with this sweep added.

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::dispatch::InstructionSet;
+use super::dispatch::{InstructionSet, Part, avx2_apart};
 use super::lanes::{LANE_BITS, LANES, Lanes, limited};
 
 /// Proof that the processor has the instructions of [`InstructionSet::Avx2`].
@@ -45,6 +45,7 @@ impl Lanes for Avx2 {
         max(a: F, b: F) -> F = _mm256_max_ps;
         floor(a: F) -> F = _mm256_floor_ps;
         to_int(a: F) -> I = _mm256_cvtps_epi32;
+        to_int_toward_zero(a: F) -> I = _mm256_cvttps_epi32;
         to_float(a: I) -> F = _mm256_cvtepi32_ps;
         bits_of(a: F) -> I = _mm256_castps_si256;
         with_bits(a: I) -> F = _mm256_castsi256_ps;
@@ -62,6 +63,11 @@ impl Lanes for Avx2 {
         or_zero(mask: M, a: F) -> F = _mm256_and_ps;
     }
 
+    #[inline(always)]
+    fn apart<P: Part<Self>>(self, part: P) -> P::Out {
+        // SAFETY: `self` is the proof that the processor has the instructions that it is compiled for.
+        unsafe { avx2_apart(self, part) }
+    }
     #[inline(always)]
     fn splat(self, value: f32) -> Self::F {
         let both = [value; 2];
@@ -132,6 +138,14 @@ impl Lanes for Avx2 {
         self.select::<3>(index, low, high)
     }
     #[inline(always)]
+    fn load_twice(self, values: &[f32; 8]) -> Self::F {
+        [self.eight(values, 0); 2]
+    }
+    #[inline(always)]
+    fn permute_eight(self, table: Self::F, index: Self::I) -> Self::F {
+        apply!(_mm256_permutevar8x32_ps, table, index)
+    }
+    #[inline(always)]
     fn table(self, entries: Self::F) -> Self::Table {
         self.store(entries)
     }
@@ -154,7 +168,7 @@ impl Lanes for Avx2 {
         match N {
             8 => {
                 let table = [self.eight(window, 0); 2];
-                apply!(_mm256_permutevar8x32_ps, table, index)
+                self.permute_eight(table, index)
             }
             16 => self.among_16(window, 0, index),
             32 => self.select::<4>(index, self.among_16(window, 0, index), self.among_16(window, 16, index)),

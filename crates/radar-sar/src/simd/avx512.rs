@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::dispatch::InstructionSet;
+use super::dispatch::{InstructionSet, Part, avx512_apart};
 use super::lanes::{LANES, Lanes, limited};
 
 /// Proof that the processor has the instructions of [`InstructionSet::Avx512`].
@@ -50,6 +50,7 @@ impl Lanes for Avx512 {
         max(a: F, b: F) -> F = _mm512_max_ps;
         floor(a: F) -> F = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>;
         to_int(a: F) -> I = _mm512_cvtps_epi32;
+        to_int_toward_zero(a: F) -> I = _mm512_cvttps_epi32;
         to_float(a: I) -> F = _mm512_cvtepi32_ps;
         bits_of(a: F) -> I = _mm512_castps_si512;
         with_bits(a: I) -> F = _mm512_castsi512_ps;
@@ -68,6 +69,11 @@ impl Lanes for Avx512 {
         or_zero_int(mask: M, a: I) -> I = _mm512_maskz_mov_epi32;
     }
 
+    #[inline(always)]
+    fn apart<P: Part<Self>>(self, part: P) -> P::Out {
+        // SAFETY: `self` is the proof that the processor has the instructions that it is compiled for.
+        unsafe { avx512_apart(self, part) }
+    }
     #[inline(always)]
     fn splat(self, value: f32) -> Self::F {
         avx512!(_mm512_set1_ps(value))
@@ -119,6 +125,15 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn permute(self, table: Self::F, index: Self::I) -> Self::F {
         avx512!(_mm512_permutexvar_ps(index, table))
+    }
+    #[inline(always)]
+    fn load_twice(self, values: &[f32; 8]) -> Self::F {
+        // SAFETY: as above; eight values are read from a reference to eight.
+        unsafe { _mm512_broadcast_f32x8(_mm256_loadu_ps(values.as_ptr())) }
+    }
+    #[inline(always)]
+    fn permute_eight(self, table: Self::F, index: Self::I) -> Self::F {
+        self.permute(table, index)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {

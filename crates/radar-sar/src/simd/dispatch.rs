@@ -127,6 +127,14 @@ pub(crate) trait Kernel {
     fn run<S: Lanes>(self, s: S) -> Self::Out;
 }
 
+/// Part of a kernel, compiled as a function of its own; see [`Lanes::apart`].
+pub(crate) trait Part<S: Lanes> {
+    /// Result of the part.
+    type Out;
+    /// `#[inline(always)]`, like a kernel's.
+    fn run(self, s: S) -> Self::Out;
+}
+
 /// Runs a kernel. Every choice gives the same bits.
 #[inline]
 pub(crate) fn on_widest<K: Kernel>(kernel: K) -> K::Out {
@@ -160,6 +168,20 @@ fn avx512<K: Kernel>(s: Avx512, kernel: K) -> K::Out {
 #[target_feature(enable = "avx2,fma")]
 fn avx2<K: Kernel>(s: Avx2, kernel: K) -> K::Out {
     kernel.run(s)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(never)]
+#[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,fma")]
+pub(super) fn avx512_apart<P: Part<Avx512>>(s: Avx512, part: P) -> P::Out {
+    part.run(s)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(never)]
+#[target_feature(enable = "avx2,fma")]
+pub(super) fn avx2_apart<P: Part<Avx2>>(s: Avx2, part: P) -> P::Out {
+    part.run(s)
 }
 
 /// The kernel's result on each instruction set in use, widest last.

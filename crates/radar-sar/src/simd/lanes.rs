@@ -1,5 +1,7 @@
 //! The vector operations that kernels are written with.
 
+use super::dispatch::Part;
+
 /// Number of lanes. Choice: one register of AVX-512, two of AVX2.
 pub(crate) const LANES: usize = 16;
 
@@ -37,12 +39,17 @@ pub(crate) trait Lanes: Copy {
     /// Whether two [`look_up`](Self::look_up)s among 128 are faster than [`gather_pairs`](Self::gather_pairs).
     const WIDE_WINDOWS: bool;
 
+    /// Runs a part of a kernel in a function of its own. Choice: for what is rarer than the rest, which then does not
+    /// share its registers and its stack with it.
+    fn apart<P: Part<Self>>(self, part: P) -> P::Out;
     fn splat(self, value: f32) -> Self::F;
     /// One value in the first eight lanes, another in the last.
     #[cfg(feature = "rolling")]
     fn splat_two(self, first: f32, last: f32) -> Self::F;
     fn load(self, values: &[f32; LANES]) -> Self::F;
     fn store(self, values: Self::F) -> [f32; LANES];
+    /// Eight values, in both halves of the lanes.
+    fn load_twice(self, values: &[f32; 8]) -> Self::F;
     fn add(self, a: Self::F, b: Self::F) -> Self::F;
     fn sub(self, a: Self::F, b: Self::F) -> Self::F;
     fn mul(self, a: Self::F, b: Self::F) -> Self::F;
@@ -59,6 +66,8 @@ pub(crate) trait Lanes: Copy {
     fn floor(self, a: Self::F) -> Self::F;
     /// The nearest i32, ties to even; only for values within ±2³⁰.
     fn to_int(self, a: Self::F) -> Self::I;
+    /// Without the fraction; only for values within ±2³⁰.
+    fn to_int_toward_zero(self, a: Self::F) -> Self::I;
     fn to_float(self, a: Self::I) -> Self::F;
     /// The bits of the floats.
     fn bits_of(self, a: Self::F) -> Self::I;
@@ -93,6 +102,9 @@ pub(crate) trait Lanes: Copy {
     /// The lanes of `table` that the low four bits of the index select: one instruction, where a
     /// gather from memory takes seventeen.
     fn permute(self, table: Self::F, index: Self::I) -> Self::F;
+    /// The same of a table with the same eight entries in both halves of the lanes, where eight lanes take one
+    /// instruction everywhere.
+    fn permute_eight(self, table: Self::F, index: Self::I) -> Self::F;
     /// The table with these entries, and the entries of a table.
     fn table(self, entries: Self::F) -> Self::Table;
     fn entries(self, table: &Self::Table) -> Self::F;
@@ -248,6 +260,8 @@ mod tests {
                 s.to_float(n),
                 s.or_zero(s.and(less, odd), a),
                 s.permute(a, bits),
+                s.load_twice(some.first_chunk().unwrap()),
+                s.permute_eight(s.load_twice(some.first_chunk().unwrap()), n),
                 near,
                 clamped,
                 s.entries(&of_16),
@@ -266,6 +280,8 @@ mod tests {
             ];
             let ints = [
                 m,
+                s.to_int_toward_zero(a),
+                s.to_int_toward_zero(b),
                 bits,
                 exponent,
                 sum,

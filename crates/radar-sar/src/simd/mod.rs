@@ -61,7 +61,7 @@ mod vector3;
 #[cfg(test)]
 pub(crate) use dispatch::on_each;
 pub use dispatch::{INSTRUCTIONS_VARIABLE, InstructionSet, UnknownInstructionSet};
-pub(crate) use dispatch::{Kernel, on_widest};
+pub(crate) use dispatch::{Kernel, Part, on_widest};
 pub(crate) use lanes::{LANES, Lanes, ROUNDER};
 #[cfg(test)]
 pub(crate) use portable::Portable;

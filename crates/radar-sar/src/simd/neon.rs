@@ -3,7 +3,7 @@
 use std::arch::aarch64::*;
 use std::array::from_fn;
 
-use super::dispatch::InstructionSet;
+use super::dispatch::{InstructionSet, Part};
 use super::lanes::{LANE_BITS, LANES, Lanes, limited};
 
 /// NEON, where it is in use.
@@ -52,6 +52,7 @@ impl Lanes for Neon {
         max(a: F, b: F) -> F = max;
         floor(a: F) -> F = vrndmq_f32;
         to_int(a: F) -> I = vcvtnq_s32_f32;
+        to_int_toward_zero(a: F) -> I = vcvtq_s32_f32;
         to_float(a: I) -> F = vcvtq_f32_s32;
         bits_of(a: F) -> I = vreinterpretq_s32_f32;
         with_bits(a: I) -> F = vreinterpretq_f32_s32;
@@ -70,6 +71,10 @@ impl Lanes for Neon {
         or_zero_int(mask: M, a: I) -> I = or_zero_int;
     }
 
+    #[inline(never)]
+    fn apart<P: Part<Self>>(self, part: P) -> P::Out {
+        part.run(self)
+    }
     #[inline(always)]
     fn splat(self, value: f32) -> Self::F {
         let each = [value; 4];
@@ -141,6 +146,20 @@ impl Lanes for Neon {
         let bytes = self.bytes_of_entries::<16>(index);
         let four = [Self::four_registers(table); 4];
         apply!(among_16, four, bytes)
+    }
+    #[inline(always)]
+    fn load_twice(self, values: &[f32; 8]) -> Self::F {
+        let at = values.as_ptr();
+        // SAFETY: two times four values are read from a reference to eight.
+        let [low, high] = unsafe { [vld1q_f32(at), vld1q_f32(at.add(4))] };
+        [low, high, low, high]
+    }
+    #[inline(always)]
+    fn permute_eight(self, table: Self::F, index: Self::I) -> Self::F {
+        let bytes = self.bytes_of_entries::<8>(index);
+        let uint8x16x4_t(low, high, ..) = Self::four_registers(table);
+        let two = [uint8x16x2_t(low, high); 4];
+        apply!(among_8, two, bytes)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {

@@ -2,6 +2,7 @@
 
 use std::array::from_fn;
 
+use super::dispatch::Part;
 use super::lanes::{LANES, Lanes, limited};
 
 /// Plain arrays.
@@ -49,6 +50,7 @@ impl Lanes for Portable {
         max(a: F, b: F) -> F = |a, b| if a > b { a } else { b };
         floor(a: F) -> F = f32::floor;
         to_int(a: F) -> I = |a: f32| a.round_ties_even() as i32;
+        to_int_toward_zero(a: F) -> I = |a: f32| a as i32;
         to_float(a: I) -> F = |a| a as f32;
         bits_of(a: F) -> I = |a: f32| a.to_bits() as i32;
         with_bits(a: I) -> F = |a| f32::from_bits(a as u32);
@@ -67,6 +69,10 @@ impl Lanes for Portable {
         or_zero_int(mask: M, a: I) -> I = |yes, a| if yes { a } else { 0 };
     }
 
+    #[inline(never)]
+    fn apart<P: Part<Self>>(self, part: P) -> P::Out {
+        part.run(self)
+    }
     #[inline(always)]
     fn splat(self, value: f32) -> Self::F {
         [value; LANES]
@@ -107,6 +113,14 @@ impl Lanes for Portable {
     #[inline(always)]
     fn permute(self, table: Self::F, index: Self::I) -> Self::F {
         from_fn(|l| table[index[l] as usize % LANES])
+    }
+    #[inline(always)]
+    fn load_twice(self, values: &[f32; 8]) -> Self::F {
+        from_fn(|l| values[l % 8])
+    }
+    #[inline(always)]
+    fn permute_eight(self, table: Self::F, index: Self::I) -> Self::F {
+        self.permute(table, index)
     }
     #[inline(always)]
     fn look_up<const N: usize>(self, window: &[f32; N], index: Self::I) -> Self::F {

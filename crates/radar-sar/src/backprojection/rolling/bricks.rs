@@ -5,7 +5,7 @@
 //! all the sweeps added and removed since.
 
 use super::super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, Sweeps, VOXELS};
-use super::super::power::{AddPower, CoarseWindows, add_inside};
+use super::super::power::{AddPower, Rays, add_inside};
 use super::super::sweep_stack::SweepStack;
 use crate::simd::{Kernel, LANES, Lanes, load3};
 
@@ -114,14 +114,16 @@ impl Kernel for RollBricks<'_> {
 /// Sixteen bricks as one sweep sees them.
 struct BrickSights {
     sight: Sight,
-    coarse: CoarseWindows,
+    rays: Rays,
 }
 
 impl BrickSights {
     #[inline(always)]
     fn new<S: Lanes>(s: S, stack: &SweepStack, sweep: &Sweeps<S>, center: [S::F; 3], shape: &BrickShape) -> Self {
         let sight = Sight::between(s, stack, sweep, center, shape);
-        Self { coarse: CoarseWindows::of(s, &sight, sweep.coarse_per_entry), sight }
+        let mut rays = Rays::NONE;
+        rays.set(s, &sight, sweep.coarse_per_entry, shape);
+        Self { sight, rays }
     }
 }
 
@@ -132,7 +134,7 @@ fn add_one<S: Lanes>(
     s: S,
     stack: &SweepStack,
     shape: &BrickShape,
-    BrickSights { sight, coarse }: &BrickSights,
+    BrickSights { sight, rays }: &BrickSights,
     l: usize,
     slot: usize,
     center: [f32; 3],
@@ -140,7 +142,7 @@ fn add_one<S: Lanes>(
     sums: &mut [S::I; EDGE],
 ) -> u64 {
     if sight.inside >> l & 1 == 1 {
-        add_inside(s, stack, slot, sight, coarse, l, offsets, sums);
+        add_inside(s, stack, slot, rays, l, offsets, sums);
         return VOXELS as u64;
     }
     if sight.edge >> l & 1 == 1 {

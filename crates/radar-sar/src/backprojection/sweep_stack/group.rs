@@ -33,6 +33,8 @@ pub(in super::super) struct Group {
     pub drift: [[f32; LANES]; 3],
     /// |drift|².
     pub drift_squared: [f32; LANES],
+    /// At least |velocity|.
+    pub speed_m_per_s: [f32; LANES],
 }
 
 impl Group {
@@ -52,6 +54,7 @@ impl Group {
         start_m: [[0.0; LANES]; 3],
         drift: [[0.0; LANES]; 3],
         drift_squared: [0.0; LANES],
+        speed_m_per_s: [0.0; LANES],
     };
 
     /// Copies lane `from` of another group to lane `to`.
@@ -69,6 +72,7 @@ impl Group {
         self.entries_per_m[to] = other.entries_per_m[from];
         self.entry_m[to] = other.entry_m[from];
         self.drift_squared[to] = other.drift_squared[from];
+        self.speed_m_per_s[to] = other.speed_m_per_s[from];
         self.coarse_per_entry[to] = other.coarse_per_entry[from];
         self.time_s_per_m[to] = other.time_s_per_m[from];
         self.time_at_zero_s[to] = other.time_at_zero_s[from];
@@ -104,5 +108,6 @@ impl Group {
         self.coarse_per_entry[l] = 1.0 / (1u32 << of_axis.coarse_octaves) as f32;
         (self.time_s_per_m[l], self.time_at_zero_s[l]) = (time_s_per_m as f32, time_at_zero_s as f32);
         self.drift_squared[l] = drift.length_squared() as f32;
+        self.speed_m_per_s[l] = (velocity.length() * 1.000_001) as f32;
     }
 }

@@ -2,9 +2,10 @@
 
 use super::window;
 
-/// Greatest value of a parabola between values from 0 to 1. Physics: 9/8 with the middle value halfway;
-/// 4/3 with it at a third, as in a last entry of three steps.
-pub(super) const OVERSHOOT: f64 = 4.0 / 3.0;
+/// Greatest value of a parabola between values from 0 to 1, and a thousandth more for the rounding of
+/// lookups. Physics: 9/8 with the middle value halfway; 4/3 with it at a third, as in a last entry of
+/// three steps.
+pub(super) const OVERSHOOT: f64 = 1.001 * 4.0 / 3.0;
 
 /// A sweep's steps over range as parabolas.
 #[derive(Clone, Copy)]
@@ -37,8 +38,14 @@ impl<'a> Parabolas<'a> {
         let value = |t: f64| a + t * (b + t * c);
         // Between two points, a parabola rises above their chord by at most this.
         let bulge = 0.25 * share * share * (-c).max(0.0);
-        value(t).max(value(t + share)) + bulge
+        value(t).max(value(t + share)) + bulge + rounding_of_lookup([a, b, c])
     }
+}
+
+/// By how much a lookup's value may exceed that of its curve a + b·t + c·t². Curves over eight entries
+/// are polynomials from the first on, up to |a| + 16|b| + 192|c|, and take up to eight roundings.
+pub(in super::super) fn rounding_of_lookup([a, b, c]: [f64; 3]) -> f64 {
+    4.0 * f64::from(f32::EPSILON) * (a.abs() + 16.0 * b.abs() + 192.0 * c.abs())
 }
 
 /// Writes a table's values as parabolas over 2^`octaves` entries each, through the first, the middle
@@ -84,6 +91,8 @@ fn parabola([from, middle, end]: [f32; 3], at: [f32; 2]) -> (f32, f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::backprojection::curves::Curves;
+    use crate::simd::{Lanes, Portable};
 
     /// Entries of a Gaussian with so many per width, and its parabolas over 2^`octaves` entries.
     fn gaussian(entries: usize, per_width: f64, octaves: u32) -> (Vec<f32>, Vec<f32>) {
@@ -151,6 +160,27 @@ mod tests {
                 assert!(value <= bound + 1e-6, "{octaves} {place}: {value} {bound}");
                 // What a sweep can add to a voxel at most.
                 assert!(value <= OVERSHOOT * 999.0 + 1e-3, "{octaves} {place} of {}: {value}", values.len());
+            }
+        }
+    }
+
+    #[test]
+    fn no_lookup_of_loud_sweeps_exceeds_its_bound() {
+        let entries = 97;
+        let loud = |n: u32| (n.wrapping_mul(2_654_435_761) % 1000) as f32 * 1e6;
+        let values: Vec<f32> = (0..entries).map(loud).collect();
+        let mut planes = vec![0.0; 2 * 160];
+        write(&values, 2, &mut planes);
+        let apart = apart(160);
+        let parts = [&planes[..apart], &planes[apart..2 * apart], &planes[2 * apart..3 * apart]];
+        let parabolas = Parabolas::new(parts, 0.25);
+        for first in 0..entries as usize / 4 - 8 {
+            let curves = Curves::parabolas(Portable, parabolas.window(first).unwrap());
+            for step in 0..8 * 64 {
+                let place = step as f32 / 64.0;
+                let value = f64::from(curves.at(Portable, Portable.splat(place))[0]);
+                let bound = parabolas.greatest_between(first * 4 + (place * 4.0) as usize);
+                assert!(value <= bound + 1e-3, "{first} {place}: {value} {bound}");
             }
         }
     }

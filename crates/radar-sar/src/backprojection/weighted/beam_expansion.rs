@@ -3,6 +3,7 @@
 
 use super::super::beam_table::{BeamTable, ENTRIES_PER_COS, amplitude};
 use super::super::brick_geometry::{BrickShape, Offsets, Sight};
+use super::super::edge_geometry::FromPoses;
 use super::super::sweep_stack::Group;
 use crate::simd::{LANES, Lanes, lane3, load3, scale3, store3, sub3};
 
@@ -27,6 +28,8 @@ pub(super) struct BeamExpansion {
     /// −a1/d and −a1·cos/2d².
     along_per_m: [f32; LANES],
     across_per_m2: [f32; LANES],
+    /// Cosine to the boresight.
+    pub cos: [f32; LANES],
     /// Lanes for which it is accurate enough over the whole brick.
     pub good: u16,
 }
@@ -40,17 +43,24 @@ impl BeamExpansion {
         bend: [[0.0; LANES]; 2],
         along_per_m: [0.0; LANES],
         across_per_m2: [0.0; LANES],
+        cos: [1.0; LANES],
         good: u16::MAX,
     };
 
     #[inline(always)]
-    pub fn new<S: Lanes>(s: S, beam: &BeamTable, sweeps: &Group, sight: &Sight, shape: &BrickShape) -> Self {
+    pub fn new<S: Lanes>(
+        s: S,
+        beam: &BeamTable,
+        sweeps: &Group,
+        (sight, poses): (&Sight, &FromPoses<S>),
+        shape: &BrickShape,
+    ) -> Self {
         if beam.uniform {
             return Self::FLAT;
         }
         let toward = load3(s, &sight.toward);
-        let cos = s.load(&sight.cos);
-        let per_m = s.div(s.splat(1.0), s.max(s.load(&sight.pose_distance_m), s.splat(1e-6)));
+        let cos = poses.cos;
+        let per_m = s.div(s.splat(1.0), s.max(poses.distance, s.splat(1e-6)));
         // The cosine changes by at most ρ/d, and slightly more due to curvature.
         let turn = s.mul(s.splat(shape.radius_m * 1.1), per_m);
         let ([a0, a1, a2], mut good) = parabola(s, beam, cos, turn);
@@ -78,6 +88,7 @@ impl BeamExpansion {
             bend: [s.store(s.mul(bend, s.splat(outer * outer))), s.store(s.mul(bend, s.splat(inner * inner)))],
             along_per_m: s.store(along),
             across_per_m2: s.store(across),
+            cos: s.store(cos),
             good: s.mask_bits(good),
         }
     }

@@ -30,7 +30,7 @@ impl Phase {
         let per_entry = s.mul(s.load(&sweeps.entry_m), per_m);
         Self {
             center_half_turns: s.store(center),
-            window_half_turns: s.store(s.neg_mul_add(per_entry, s.load(&sight.entry), center)),
+            window_half_turns: s.store(s.neg_mul_add(per_entry, s.load(&sight.windows.entry), center)),
             half_turns_per_entry: s.store(per_entry),
         }
     }

@@ -30,7 +30,7 @@ impl<S: Lanes> WeightSum<S> {
         let ([gx, gy, gz], u) = (load3(s, &beam.gradient_per_m), load3(s, &sight.toward));
         let [ux, uy, uz] = scale3(s, u, per_m);
         let (a00, a01) = (s.mul(s.mul(a0, a0), per_m4), s.mul(s.mul(a0, a1), per_m4));
-        let bent = s.mul(a01, s.load(&sight.cos));
+        let bent = s.mul(a01, s.load(&beam.cos));
         let gg = s.mul(s.mul_add(s.add(a0, a0), a2, s.mul(a1, a1)), per_m4);
         let gu = s.mul(a01, s.splat(-10.0));
         let uu = s.mul_add(a00, s.splat(12.0), bent);
