@@ -125,12 +125,14 @@ impl House {
             let later_ns = (room as f64 * (self.seconds_per_room + WALK_S) * 1e9) as i64;
             let (column, row) = (room % ROOMS_IN_ROW, room / ROOMS_IN_ROW);
             let middle_m = DVec3::new(column as f64, 0.0, row as f64) * ROOM_PITCH_M;
-            for mut pose in simulated.poses {
-                pose.time_ns += later_ns;
-                pose.position_m = (DVec3::from_array(pose.position_m) + middle_m).to_array();
-                writer.write_pose(&pose)?;
-            }
+            let mut poses = simulated.poses.into_iter().peekable();
+            // In the order of arrival, as the recorder writes: the reader keeps poses of minutes, not of hours.
             for mut frame in simulated.frames {
+                while let Some(mut pose) = poses.next_if(|pose| pose.time_ns <= frame.host_time_ns) {
+                    pose.time_ns += later_ns;
+                    pose.position_m = (DVec3::from_array(pose.position_m) + middle_m).to_array();
+                    writer.write_pose(&pose)?;
+                }
                 frame.host_time_ns += later_ns;
                 frame.tick += later_ns / 1000;
                 writer.write_frame(&frame)?;
