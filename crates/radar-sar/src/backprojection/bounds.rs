@@ -17,8 +17,8 @@ use crate::Statistic;
 use crate::math;
 use crate::simd::{LANES, Lanes, dot, scale3, splat3, sub3};
 
-/// Twice the greatest error of a kernel's distance (`power.rs`), metres.
-const DISTANCE_ERROR_M: f32 = 2e-4;
+/// Twice the greatest error of a kernel's distance, metres.
+const DISTANCE_ERROR_M: f32 = 2.0 * super::edge_geometry::DISTANCE_ERROR_M as f32;
 /// Greatest bound of one sweep where the unit can be chosen, in units. Choice: within f32's
 /// mantissa, so that a bound is exact, and fine enough that rounding up by a unit costs nothing.
 const FINE_STEPS: f64 = (1 << 22) as f64;

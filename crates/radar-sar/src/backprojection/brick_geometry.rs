@@ -132,7 +132,6 @@ impl<S: Lanes> Sweeps<S> {
 
 /// Geometry between sweeps and bricks, lane by lane: sixteen sweeps and one brick, or one sweep and
 /// sixteen bricks.
-#[derive(Clone)]
 pub(super) struct Sight {
     /// Lanes that see every voxel, and lanes of which an edge may cross the brick.
     pub inside: u16,

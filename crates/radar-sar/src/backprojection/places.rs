@@ -37,7 +37,7 @@ pub(super) struct Expansion {
     half_per_m: [f32; LANES],
     half_per_m2: [f32; LANES],
     /// Lanes whose distances are accurate enough to second order.
-    pub second_order: u16,
+    second_order: u16,
     /// Factor of q, and of |δ|² − q².
     along: [f32; LANES],
     bend: [f32; LANES],
@@ -107,7 +107,7 @@ impl Expansion {
     }
 
     #[inline(always)]
-    pub fn to_second_order<S: Lanes>(&self, s: S, l: usize, offsets: &Offsets<S>) -> [S::F; EDGE] {
+    fn to_second_order<S: Lanes>(&self, s: S, l: usize, offsets: &Offsets<S>) -> [S::F; EDGE] {
         let flat = self.flat(s, l, offsets);
         let (along, bend) = (s.splat(self.along[l]), s.splat(self.bend[l]));
         let straight = s.mul_add(offsets.flat_squared, bend, s.splat(self.windows.entry[l]));

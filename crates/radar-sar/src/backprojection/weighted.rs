@@ -97,17 +97,16 @@ impl AddWeighted<'_> {
         // Separate sums for the two paths: those of the inner path stay in registers.
         let (mut gathered, mut at_edge) = (Gathered::none(s), Gathered::none(s));
         let (mut weights, mut edge_weights) = (WeightSum::none(s), [s.splat(0.0); EDGE]);
-        let mut updates = 0;
+        let (mut expansion, mut updates) = (Expansion::NONE, 0);
         for (group, sweeps) in self.stack.groups.iter().enumerate() {
             let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
             let poses = FromPoses::new(s, sweeps, self.center);
             let mut beam = BeamExpansion::FLAT;
             if sight.inside != 0 {
                 beam = BeamExpansion::new(s, &self.stack.beam, sweeps, (&sight, &poses), &self.shape);
+                expansion.set(s, &sight, sight.windows.clone(), &self.shape);
             }
             let phase = Phase::new(s, sweeps, &sight);
-            let mut expansion = Expansion::NONE;
-            expansion.set(s, &sight, sight.windows.clone(), &self.shape);
             let mut inside = sight.inside & beam.good;
             let edge = (sight.inside | sight.edge) & !inside;
             updates += u64::from((sight.inside | sight.edge).count_ones()) * VOXELS as u64;

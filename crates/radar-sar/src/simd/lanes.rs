@@ -102,8 +102,7 @@ pub(crate) trait Lanes: Copy {
     /// The lanes of `table` that the low four bits of the index select: one instruction, where a
     /// gather from memory takes seventeen.
     fn permute(self, table: Self::F, index: Self::I) -> Self::F;
-    /// The same of a table with the same eight entries in both halves of the lanes, where eight lanes take one
-    /// instruction everywhere.
+    /// The same of a table as of [`load_twice`](Self::load_twice): one instruction also where registers have eight lanes.
     fn permute_eight(self, table: Self::F, index: Self::I) -> Self::F;
     /// The table with these entries, and the entries of a table.
     fn table(self, entries: Self::F) -> Self::Table;

@@ -6,7 +6,8 @@
 //! then vectorises them for each instruction set.
 //!
 //! `run` and everything generic that it calls must be `#[inline(always)]`, and must not contain
-//! closures: what is not inlined is compiled for the baseline, not for the kernel's instructions.
+//! closures: what is not inlined is compiled for the baseline, not for the kernel's instructions. In loops over sweeps,
+//! zipped iterators and copies of slices count as such.
 //!
 //! Results have the same bits on all instruction sets. Every operation is an IEEE one, fused
 //! multiply-add included, or moves bits, or is composed of such ones in [`Lanes`]; all have sixteen
