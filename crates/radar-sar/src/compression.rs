@@ -20,6 +20,10 @@ const TABLE_STEP_M: f64 = 0.008_6;
 /// resolve; it bounds the taps of a sum.
 const NEGLIGIBLE_ENVELOPE: f64 = 1e-4;
 
+/// Taps that the loops of a sum take at once; divides [`LANES`].
+const TAPS_AT_ONCE: usize = 4;
+type FewTaps = [f32; TAPS_AT_ONCE];
+
 /// Matched filter of one range axis: a polyphase filter with one phase per table entry within a
 /// range step.
 #[derive(Debug, Clone)]
@@ -27,9 +31,9 @@ pub struct RangeCompressor {
     first_m: f64,
     step_m: f64,
     points: usize,
-    /// `[phase][tap]`: the template at the surrounding samples; the first tap is `reach` samples
-    /// before the entry's own.
-    taps: Vec<Vec<f32>>,
+    /// `[phase][tap]`: the template at the surrounding samples, a few taps at once, zeros at the end; the
+    /// first tap is `reach` samples before the entry's own.
+    taps: Vec<Vec<FewTaps>>,
     reach: usize,
     /// `[entry]`: 1 / √Σ E² over the samples within the axis.
     norms: Vec<f32>,
@@ -83,7 +87,7 @@ impl RangeCompressor {
             step_m,
             points: axis.points,
             norms: (0..entries).map(norm).collect(),
-            taps: taps.iter().map(|taps| taps.iter().map(|tap| *tap as f32).collect()).collect(),
+            taps: taps.iter().map(|taps| a_few_at_once(taps)).collect(),
             reach,
         }
     }
@@ -259,7 +263,7 @@ impl Kernel for Interleave<'_> {
 /// Two phases of the filter over both parts of the samples.
 struct Filter<'a> {
     samples: &'a [Vec<f32>; 2],
-    taps: [&'a [f32]; 2],
+    taps: [&'a [FewTaps]; 2],
     /// `[phase][part]`.
     out: [[&'a mut [f32]; 2]; 2],
 }
@@ -269,57 +273,20 @@ impl Kernel for Filter<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) {
-        let [[re, im], [re_next, im_next]] = self.out;
-        let [taps, taps_next] = self.taps;
-        // Indexed loops: window iterators would not be compiled for the kernel's instructions.
-        for at in (0..re.len()).step_by(LANES) {
-            let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
-            for k in 0..taps.len().min(taps_next.len()) {
-                let [Some(x), Some(y)] = [window(&self.samples[0], at + k), window(&self.samples[1], at + k)] else {
-                    break;
-                };
-                let (x, y) = (s.load(x), s.load(y));
-                let (tap, tap_next) = (s.splat(taps[k]), s.splat(taps_next[k]));
-                (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
-                (c, d) = (s.mul_add(x, tap_next, c), s.mul_add(y, tap_next, d));
-            }
-            put(s, re, at, a);
-            put(s, im, at, b);
-            put(s, re_next, at, c);
-            put(s, im_next, at, d);
+        let [mut out, mut out_next] = self.out;
+        for at in (0..out[0].len()).step_by(LANES) {
+            let [sums, sums_next] = add_both(s, self.samples, at, self.taps, [[s.splat(0.0); 2]; 2]);
+            put(s, &mut out, at, sums);
+            put(s, &mut out_next, at, sums_next);
         }
     }
-}
-
-/// N values from an index on. One comparison for all of them: the loops over the taps do little
-/// else.
-#[inline(always)]
-fn window<const N: usize>(values: &[f32], at: usize) -> Option<&[f32; N]> {
-    values.get(at..)?.first_chunk()
-}
-
-/// Writes sixteen values from an index on, if there is room. Of known size: copying slices would be a
-/// call for each.
-#[inline(always)]
-fn put<S: Lanes>(s: S, to: &mut [f32], at: usize, values: S::F) {
-    if let Some(to) = to.get_mut(at..)
-        && let Some(sixteen) = to.first_chunk_mut()
-    {
-        *sixteen = s.store(values);
-    }
-}
-
-/// Two times sixteen of thirty-two values.
-#[inline(always)]
-fn halves<S: Lanes>(s: S, values: &[f32; 2 * LANES]) -> [S::F; 2] {
-    let (Some(first), Some(last)) = (values.first_chunk(), values.last_chunk()) else { return [s.splat(0.0); 2] };
-    [s.load(first), s.load(last)]
 }
 
 /// One phase of the filter over both parts of the samples, thirty-two values at once.
 struct FilterOne<'a> {
     samples: &'a [Vec<f32>; 2],
-    taps: &'a [f32],
+    taps: &'a [FewTaps],
+    /// `[part]`.
     out: [&'a mut [f32]; 2],
 }
 
@@ -328,21 +295,90 @@ impl Kernel for FilterOne<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) {
-        let ([re, im], [x, y]) = (self.out, self.samples);
-        for at in (0..re.len()).step_by(2 * LANES) {
-            let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
-            for (k, tap) in self.taps.iter().enumerate() {
-                let [Some(x), Some(y)] = [window(x, at + k), window(y, at + k)] else { break };
-                let (tap, [x, x_next], [y, y_next]) = (s.splat(*tap), halves(s, x), halves(s, y));
-                (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
-                (c, d) = (s.mul_add(x_next, tap, c), s.mul_add(y_next, tap, d));
+        let (samples, taps, mut out) = (self.samples, self.taps, self.out);
+        let ends = taps.len().min(LANES / TAPS_AT_ONCE);
+        let rest = taps.len() - ends;
+        for at in (0..out[0].len()).step_by(2 * LANES) {
+            // What is loaded for a tap of the first sixteen values serves the second sixteen with the tap
+            // sixteen before: loads, not sums, limit the speed.
+            let sums = add_one(s, samples, at, &taps[..ends], [s.splat(0.0); 2]);
+            let (shared, both) = (at + ends * TAPS_AT_ONCE, [&taps[ends..], &taps[..rest]]);
+            let [sums, sums_next] = add_both(s, samples, shared, both, [sums, [s.splat(0.0); 2]]);
+            put(s, &mut out, at, sums);
+            if at + LANES < out[0].len() {
+                let sums_next = add_one(s, samples, at + LANES + rest * TAPS_AT_ONCE, &taps[rest..], sums_next);
+                put(s, &mut out, at + LANES, sums_next);
             }
-            put(s, re, at, a);
-            put(s, im, at, b);
-            put(s, re, at + LANES, c);
-            put(s, im, at + LANES, d);
         }
     }
+}
+
+/// Adds both parts of the samples from an index on, each times its tap, to a sum.
+#[inline(always)]
+fn add_one<S: Lanes>(s: S, samples: &[Vec<f32>; 2], at: usize, taps: &[FewTaps], sums: [S::F; 2]) -> [S::F; 2] {
+    let [mut a, mut b] = sums;
+    for (n, taps) in taps.iter().enumerate() {
+        let Some([x, y]) = windows(samples, at + n * TAPS_AT_ONCE) else { break };
+        for (k, tap) in taps.iter().enumerate() {
+            let tap = s.splat(*tap);
+            (a, b) = (s.mul_add(load_from(s, x, k), tap, a), s.mul_add(load_from(s, y, k), tap, b));
+        }
+    }
+    [a, b]
+}
+
+/// The same with the taps of two sums.
+#[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "zipped iterators would be calls")]
+fn add_both<S: Lanes>(
+    s: S,
+    samples: &[Vec<f32>; 2],
+    at: usize,
+    taps: [&[FewTaps]; 2],
+    sums: [[S::F; 2]; 2],
+) -> [[S::F; 2]; 2] {
+    let [[mut a, mut b], [mut c, mut d]] = sums;
+    for n in 0..taps[0].len().min(taps[1].len()) {
+        let Some([x, y]) = windows(samples, at + n * TAPS_AT_ONCE) else { break };
+        let taps = [&taps[0][n], &taps[1][n]];
+        for k in 0..TAPS_AT_ONCE {
+            let (x, y) = (load_from(s, x, k), load_from(s, y, k));
+            let (tap, tap_next) = (s.splat(taps[0][k]), s.splat(taps[1][k]));
+            (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
+            (c, d) = (s.mul_add(x, tap_next, c), s.mul_add(y, tap_next, d));
+        }
+    }
+    [[a, b], [c, d]]
+}
+
+/// Values that a few taps and sixteen sums need.
+type Window = [f32; LANES + TAPS_AT_ONCE];
+
+/// Both parts of the samples from an index on. One comparison for a few taps: their loops do little else.
+#[inline(always)]
+fn windows(samples: &[Vec<f32>; 2], at: usize) -> Option<[&Window; 2]> {
+    Some([samples[0].get(at..)?.first_chunk()?, samples[1].get(at..)?.first_chunk()?])
+}
+
+/// Sixteen values of a window from the `k`th on, k < `TAPS_AT_ONCE`.
+#[inline(always)]
+fn load_from<S: Lanes>(s: S, window: &Window, k: usize) -> S::F {
+    window[k..].first_chunk().map_or(s.splat(0.0), |sixteen| s.load(sixteen))
+}
+
+/// Writes sixteen values of both parts from an index on, if there is room. Of known size: copying slices
+/// would be a call for each.
+#[inline(always)]
+fn put<S: Lanes>(s: S, out: &mut [&mut [f32]; 2], at: usize, sums: [S::F; 2]) {
+    let [re, im] = out;
+    let (Some(re), Some(im)) = (re.get_mut(at..), im.get_mut(at..)) else { return };
+    let (Some(re), Some(im)) = (re.first_chunk_mut(), im.first_chunk_mut()) else { return };
+    (*re, *im) = (s.store(sums[0]), s.store(sums[1]));
+}
+
+fn a_few_at_once(taps: &[f64]) -> Vec<FewTaps> {
+    let few = |taps: &[f64]| std::array::from_fn(|k| taps.get(k).map_or(0.0, |tap| *tap as f32));
+    taps.chunks(TAPS_AT_ONCE).map(few).collect()
 }
 
 /// Sums of the squares of the first 0, 1, 2, … values.
