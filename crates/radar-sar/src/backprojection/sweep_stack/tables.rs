@@ -154,13 +154,15 @@ fn write_nearest(magnitudes: &[f32], axis: &Axis, plane: &mut [f32]) {
     let falloff = &axis.falloff;
     let last = falloff.len() - 1;
     let (mut begin, mut end) = (0, phases / 2);
+    // Indexed loops: zipped iterators would be calls.
     for magnitude in magnitudes {
-        let here = end.min(last).saturating_sub(begin);
-        let d = falloff[begin..].iter().zip(&falloff[begin + 1..]).take(here);
-        for ((value, slope), (d, next)) in value[begin..].iter_mut().zip(&mut slope[begin..]).zip(d) {
-            (*value, *slope) = (magnitude * d, magnitude * (next - d));
+        let here = end.min(last).max(begin);
+        let (value, slope) = (&mut value[begin..here], &mut slope[begin..here]);
+        let falloff = &falloff[begin..here + 1];
+        for n in 0..value.len().min(slope.len()) {
+            (value[n], slope[n]) = (magnitude * falloff[n], magnitude * (falloff[n + 1] - falloff[n]));
         }
-        (begin, end) = (begin + here, end + phases);
+        (begin, end) = (here, end + phases);
     }
     value[begin..].fill(0.0);
     slope[begin..].fill(0.0);
