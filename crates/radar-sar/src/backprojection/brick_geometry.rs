@@ -128,6 +128,38 @@ impl<S: Lanes> Sweeps<S> {
             speed: s.splat(group.speed_m_per_s[l]),
         }
     }
+
+    /// Distances of points and their inverses.
+    #[inline(always)]
+    fn distances(&self, s: S, point: [S::F; 3]) -> [S::F; 2] {
+        // The distance d solves |p − drift·d| = d, with p from where the sensor samples range zero.
+        let (from_start, drift) = (sub3(s, point, self.start), self.drift);
+        let along = dot(s, from_start, drift);
+        let square = dot(s, from_start, from_start);
+        let root = s.sqrt(s.neg_mul_add(square, self.drift_squared, s.mul_add(along, along, square)));
+        let distance = s.sub(root, along);
+        let distance = s.mul_add(distance, self.drift_squared, distance);
+        [distance, s.div(s.splat(1.0), s.max(distance, s.splat(1e-6)))]
+    }
+}
+
+/// Distances between sixteen sweeps and a brick's centre, from the sensor when it sampled points at the
+/// brick's range, and their inverses. Apart from the rest because a square root and a division take
+/// long: those of some groups are computed at once.
+pub(super) struct Distances {
+    distance_m: [f32; LANES],
+    per_m: [f32; LANES],
+}
+
+impl Distances {
+    pub(super) const NONE: Self = Self { distance_m: [0.0; LANES], per_m: [0.0; LANES] };
+
+    /// In place: moving it would cost as much.
+    #[inline(always)]
+    pub(super) fn set<S: Lanes>(&mut self, s: S, group: &Group, center: [f32; 3]) {
+        let [distance, per_m] = Sweeps::sixteen(s, group).distances(s, splat3(s, center));
+        (self.distance_m, self.per_m) = (s.store(distance), s.store(per_m));
+    }
 }
 
 /// Geometry between sweeps and bricks, lane by lane: sixteen sweeps and one brick, or one sweep and
@@ -165,6 +197,20 @@ impl Sight {
         Self::between(s, stack, &Sweeps::sixteen(s, group), splat3(s, center), shape)
     }
 
+    /// The same with known distances.
+    #[inline(always)]
+    pub(super) fn at<S: Lanes>(
+        s: S,
+        stack: &SweepStack,
+        group: &Group,
+        distances: &Distances,
+        center: [f32; 3],
+        shape: &BrickShape,
+    ) -> Self {
+        let distances = [s.load(&distances.distance_m), s.load(&distances.per_m)];
+        Self::with(s, stack, &Sweeps::sixteen(s, group), distances, splat3(s, center), shape)
+    }
+
     /// Lane by lane.
     #[inline(always)]
     pub(super) fn between<S: Lanes>(
@@ -174,16 +220,20 @@ impl Sight {
         center: [S::F; 3],
         shape: &BrickShape,
     ) -> Self {
+        Self::with(s, stack, sweeps, sweeps.distances(s, center), center, shape)
+    }
+
+    #[inline(always)]
+    fn with<S: Lanes>(
+        s: S,
+        stack: &SweepStack,
+        sweeps: &Sweeps<S>,
+        [distance, per_m]: [S::F; 2],
+        center: [S::F; 3],
+        shape: &BrickShape,
+    ) -> Self {
         let radius = s.splat(shape.radius_m);
-        // The distance d solves |p − drift·d| = d, with p from where the sensor samples range zero.
-        let (from_start, drift) = (sub3(s, center, sweeps.start), sweeps.drift);
-        let along = dot(s, from_start, drift);
-        let square = dot(s, from_start, from_start);
-        let root = s.sqrt(s.neg_mul_add(square, sweeps.drift_squared, s.mul_add(along, along, square)));
-        let distance = s.sub(root, along);
-        let distance = s.mul_add(distance, sweeps.drift_squared, distance);
-        let per_m = s.div(s.splat(1.0), s.max(distance, s.splat(1e-6)));
-        let mut toward = from_start;
+        let (mut toward, drift) = (sub3(s, center, sweeps.start), sweeps.drift);
         for (toward, drift) in toward.iter_mut().zip(drift) {
             *toward = s.mul(s.neg_mul_add(drift, distance, *toward), per_m);
         }

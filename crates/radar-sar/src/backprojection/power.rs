@@ -5,7 +5,7 @@
 //! subtractions: rolling, adaptive and dense images are equal bit for bit. 32-bit sums are moved to
 //! 64 bits before they could overflow.
 
-use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS};
+use super::brick_geometry::{BrickShape, Distances, EDGE, Offsets, Sight, VOXELS};
 use super::curves::{Curves, LinearWindow};
 use super::edge_geometry::{AtEdge, DISTANCE_ERROR_M, Edges, Exact, FromPoses, from_sensor, fully_visible, read};
 use super::places::{Expansion, Windows};
@@ -101,13 +101,16 @@ impl AddPower<'_> {
         let (mut narrow, mut updates) = (inner.narrow, 0);
         // Some groups at once: while the first's sweeps are added, the geometry of the last is still on
         // its way through square roots and divisions.
-        let mut rays = [Rays::NONE; GROUPS_AT_ONCE];
+        let (mut distances, mut rays) = ([Distances::NONE; GROUPS_AT_ONCE], [Rays::NONE; GROUPS_AT_ONCE]);
         for some in self.slots.chunks(GROUPS_AT_ONCE) {
             let mut inside = [0; GROUPS_AT_ONCE];
+            for (n, &(group, _)) in some.iter().enumerate() {
+                distances[n].set(s, &self.stack.groups[group], self.center);
+            }
             // Zipped iterators would not be compiled for the kernel's instructions.
             for (n, &(group, lanes)) in some.iter().enumerate() {
                 let sweeps = &self.stack.groups[group];
-                let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
+                let sight = Sight::at(s, self.stack, sweeps, &distances[n], self.center, &self.shape);
                 let edge = sight.edge & lanes;
                 inside[n] = sight.inside & lanes;
                 updates += u64::from(inside[n].count_ones() + edge.count_ones()) * VOXELS as u64;
