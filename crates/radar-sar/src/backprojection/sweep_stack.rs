@@ -95,6 +95,13 @@ struct Axis {
     falloff: Vec<f32>,
 }
 
+impl Axis {
+    /// Number of values in all planes of its parabolas.
+    fn coarse_len(&self) -> usize {
+        parabolas::len(self.falloff.len(), self.coarse_octaves)
+    }
+}
+
 /// Sweeps with their tables, for one statistic.
 #[derive(Debug, Clone)]
 pub struct SweepStack {
@@ -110,10 +117,14 @@ pub struct SweepStack {
     filled: Vec<bool>,
     pub(super) planes: usize,
     pub(super) stride: usize,
-    /// Number of values in all tables of a slot, and distance between its planes of parabolas.
+    /// Number of values in all tables of a slot.
     slot_len: usize,
-    apart: usize,
     tables: Vec<f32>,
+    /// Number of values in all planes of a slot's parabolas, at least one. Apart from the tables: a brick
+    /// looks into those of every sweep, and a processor's first level of address translation covers fewer
+    /// than a hundred pages.
+    coarse_len: usize,
+    coarse: Vec<f32>,
     /// Greatest integer that each slot can add to a voxel.
     greatest: Vec<i64>,
 }
@@ -155,11 +166,15 @@ impl SweepStack {
         let entries = axes.iter().map(|a| a.compressor.entries()).max().unwrap_or(0);
         let planes = match statistic {
             Statistic::Coherent => 3,
-            Statistic::Glrt | Statistic::Thesis | Statistic::Ls | Statistic::Log | Statistic::Subaperture => 2,
+            Statistic::Glrt | Statistic::Thesis => 2,
             _ => 1,
         };
         let stride = (entries + WINDOW + LANES).max(MIN_STRIDE).next_multiple_of(LANES);
         let groups = slots.div_ceil(LANES);
+        let coarse_len = match statistic {
+            Statistic::Ls | Statistic::Log => axes.iter().map(Axis::coarse_len).max().unwrap_or(1),
+            _ => 1,
+        };
         Self {
             statistic,
             origin_m,
@@ -172,8 +187,9 @@ impl SweepStack {
             planes,
             stride,
             slot_len: planes * 2 * stride,
-            apart: parabolas::apart(stride),
             tables: vec![0.0; groups * LANES * planes * 2 * stride],
+            coarse_len,
+            coarse: vec![0.0; groups * LANES * coarse_len],
             greatest: vec![0; groups * LANES],
         }
     }
@@ -280,10 +296,8 @@ impl SweepStack {
     /// The parabolas of a slot's sweep, for integer statistics.
     #[inline(always)]
     pub(super) fn parabolas(&self, slot: usize) -> Parabolas<'_> {
-        let (a, others) = self.table(slot, 1).split_at(self.apart);
-        let (b, others) = others.split_at(self.apart);
         let per_entry = self.groups[slot / LANES].coarse_per_entry[slot % LANES];
-        Parabolas::new([a, b, others], per_entry)
+        Parabolas::new(&self.coarse[slot * self.coarse_len..(slot + 1) * self.coarse_len], per_entry)
     }
 
     /// |x| of the points of a slot's sweep (`thesis`), zeros beyond.
@@ -308,9 +322,10 @@ impl SweepStack {
     pub fn fill(&mut self, slot: usize, observation: &Observation) -> Result<(), SweepRefusal> {
         self.empty(slot);
         let axis = check(observation, extent(observation), &self.axes)?;
-        let long = self.slot_len;
-        let (maker, table) = (self.maker(), &mut self.tables[slot * long..][..long]);
-        let greatest = maker.write(&self.axes[axis], observation, table, &mut CompressionScratch::default());
+        let (maker, long, coarse_len) = (self.maker(), self.slot_len, self.coarse_len);
+        let tables = &mut self.tables[slot * long..][..long];
+        let coarse = &mut self.coarse[slot * coarse_len..][..coarse_len];
+        let greatest = maker.write(&self.axes[axis], observation, [tables, coarse], &mut CompressionScratch::default());
         self.put(slot, observation, axis, greatest);
         Ok(())
     }
@@ -332,14 +347,15 @@ impl SweepStack {
             let axis = (*axes.get(n)?)?;
             Some((&observations[n], axis))
         };
-        let (long, maker, of_axis) = (self.slot_len.max(1), self.maker(), &self.axes);
-        let write = |room: &mut CompressionScratch, (slot, (table, greatest)): (usize, (&mut [f32], &mut i64))| {
+        let (maker, of_axis) = (self.maker(), &self.axes);
+        let write = |room: &mut CompressionScratch, (slot, ((tables, coarse), greatest)): (usize, Slot<'_>)| {
             if let Some((observation, axis)) = of_slot(slot) {
-                *greatest = maker.write(&of_axis[axis], observation, table, room);
+                *greatest = maker.write(&of_axis[axis], observation, [tables, coarse], room);
             }
         };
-        let tables = self.tables.par_chunks_mut(long).zip(&mut self.greatest).enumerate().with_min_len(SWEEPS_AT_ONCE);
-        tables.for_each_init(CompressionScratch::default, write);
+        let tables = self.tables.par_chunks_mut(self.slot_len.max(1)).zip(self.coarse.par_chunks_mut(self.coarse_len));
+        let slots = tables.zip(&mut self.greatest).enumerate().with_min_len(SWEEPS_AT_ONCE);
+        slots.for_each_init(CompressionScratch::default, write);
         for slot in 0..self.slots() {
             if let Some((observation, axis)) = of_slot(slot) {
                 self.put(slot, observation, axis, self.greatest[slot]);
@@ -363,6 +379,8 @@ impl SweepStack {
     pub(super) fn copy_slot(&mut self, slot: usize, other: &Self, from: usize) {
         let long = self.slot_len;
         self.tables[slot * long..][..long].copy_from_slice(&other.tables[from * long..][..long]);
+        let long = self.coarse_len;
+        self.coarse[slot * long..][..long].copy_from_slice(&other.coarse[from * long..][..long]);
         self.groups[slot / LANES].copy_lane(slot % LANES, &other.groups[from / LANES], from % LANES);
         self.greatest[slot] = other.greatest[from];
         self.filled[slot] = other.filled[from];
@@ -379,6 +397,9 @@ impl SweepStack {
         self.greatest[slot] = 0;
     }
 }
+
+/// Tables, parabolas and greatest integer of a slot.
+type Slot<'a> = ((&'a mut [f32], &'a mut [f32]), &'a mut i64);
 
 /// Number of sweeps whose noise determines the step. Choice: odd, for a median that four bad sweeps
 /// do not move.

@@ -1,6 +1,10 @@
 //! A table as parabolas over wider entries: coarse voxels then look up fewer of them.
 
-use super::window;
+use super::{WINDOW, window};
+use crate::simd::LANES;
+
+/// a, b and c.
+const PLANES: usize = 3;
 
 /// Greatest value of a parabola between values from 0 to 1, and a thousandth more for the rounding of
 /// lookups. Physics: 9/8 with the middle value halfway; 4/3 with it at a third, as in a last entry of
@@ -18,8 +22,10 @@ pub(in super::super) struct Parabolas<'a> {
 
 impl<'a> Parabolas<'a> {
     #[inline(always)]
-    pub(super) fn new(planes: [&'a [f32]; 3], per_entry: f32) -> Self {
-        Self { planes, per_entry }
+    pub(super) fn new(planes: &'a [f32], per_entry: f32) -> Self {
+        let (a, others) = planes.split_at(planes.len() / PLANES);
+        let (b, c) = others.split_at(others.len() / 2);
+        Self { planes: [a, b, c], per_entry }
     }
 
     /// Those from a coarse entry on; `None` beyond the table.
@@ -52,9 +58,9 @@ pub(in super::super) fn rounding_of_lookup([a, b, c]: [f64; 3]) -> f64 {
 /// and the last. Planes of a, b and c, zeros beyond.
 #[inline(always)]
 pub(super) fn write(values: &[f32], octaves: u32, coarse: &mut [f32]) {
-    let (apart, each) = (apart(coarse.len() / 2), 1usize << octaves);
-    let (a, others) = coarse.split_at_mut(apart);
-    let (b, c) = others.split_at_mut(apart);
+    let each = 1usize << octaves;
+    let (a, others) = coarse.split_at_mut(coarse.len() / PLANES);
+    let (b, c) = others.split_at_mut(others.len() / 2);
     let whole = (values.len() - 1) / each;
     let of_entry = values.chunks_exact(each).zip(values[each.min(values.len())..].iter().step_by(each));
     for (((a, b), c), (from, end)) in a.iter_mut().zip(&mut *b).zip(&mut *c).zip(of_entry) {
@@ -75,9 +81,10 @@ pub(super) fn write(values: &[f32], octaves: u32, coarse: &mut [f32]) {
     };
 }
 
-/// Distance between the parabolas' planes: a third of a table.
-pub(super) fn apart(stride: usize) -> usize {
-    2 * stride / 3
+/// Number of values in the planes of a table's parabolas over 2^`octaves` entries each, with a window of
+/// zeros beyond the last.
+pub(super) fn len(entries: usize, octaves: u32) -> usize {
+    PLANES * (((entries >> octaves) + 1 + WINDOW).div_ceil(LANES) | 1) * LANES
 }
 
 /// a, b and c of the parabola through three values, the first at 0.
@@ -98,14 +105,13 @@ mod tests {
     fn gaussian(entries: usize, per_width: f64, octaves: u32) -> (Vec<f32>, Vec<f32>) {
         let value = |n: usize| crate::envelope(per_width, n as f64 - 0.45 * entries as f64) as f32;
         let values: Vec<f32> = (0..entries).map(value).collect();
-        let stride = entries + 48;
-        let mut planes = vec![f32::NAN; 2 * stride];
+        let mut planes = vec![f32::NAN; len(entries, octaves)];
         write(&values, octaves, &mut planes);
         (values, planes)
     }
 
     fn at(planes: &[f32], octaves: u32, place: f64) -> f64 {
-        let (apart, place) = (apart(planes.len() / 2), place / f64::from(1 << octaves));
+        let (apart, place) = (planes.len() / PLANES, place / f64::from(1 << octaves));
         let (n, t) = (place.floor() as usize, place.fract());
         let [a, b, c] = [0, 1, 2].map(|plane| f64::from(planes[plane * apart + n]));
         a + t * (b + t * c)
@@ -149,11 +155,9 @@ mod tests {
         let all = lengths.flat_map(|entries| [(0..entries).map(rough).collect(), step(entries).collect()]);
         for (values, octaves) in all.flat_map(|values: Vec<f32>| (1..=3).map(move |octaves| (values.clone(), octaves)))
         {
-            let mut planes = vec![0.0; 2 * 160];
+            let mut planes = vec![0.0; len(values.len(), octaves)];
             write(&values, octaves, &mut planes);
-            let apart = apart(160);
-            let parts = [&planes[..apart], &planes[apart..2 * apart], &planes[2 * apart..3 * apart]];
-            let parabolas = Parabolas::new(parts, 1.0 / (1 << octaves) as f32);
+            let parabolas = Parabolas::new(&planes, 1.0 / (1 << octaves) as f32);
             for n in 0..(values.len() - 1) * 16 {
                 let place = n as f64 / 16.0;
                 let (value, bound) = (at(&planes, octaves, place), parabolas.greatest_between(place as usize));
@@ -169,11 +173,9 @@ mod tests {
         let entries = 97;
         let loud = |n: u32| (n.wrapping_mul(2_654_435_761) % 1000) as f32 * 1e6;
         let values: Vec<f32> = (0..entries).map(loud).collect();
-        let mut planes = vec![0.0; 2 * 160];
+        let mut planes = vec![0.0; len(values.len(), 2)];
         write(&values, 2, &mut planes);
-        let apart = apart(160);
-        let parts = [&planes[..apart], &planes[apart..2 * apart], &planes[2 * apart..3 * apart]];
-        let parabolas = Parabolas::new(parts, 0.25);
+        let parabolas = Parabolas::new(&planes, 0.25);
         for first in 0..entries as usize / 4 - 8 {
             let curves = Curves::parabolas(Portable, parabolas.window(first).unwrap());
             for step in 0..8 * 64 {

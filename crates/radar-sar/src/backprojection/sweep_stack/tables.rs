@@ -23,7 +23,7 @@ impl TableMaker {
         self,
         axis: &Axis,
         observation: &Observation,
-        tables: &mut [f32],
+        [tables, coarse]: [&mut [f32]; 2],
         room: &mut CompressionScratch,
     ) -> i64 {
         let samples = &observation.samples;
@@ -35,7 +35,7 @@ impl TableMaker {
             }
             _ => axis.compressor.compress_in(samples, 1.0, room),
         }
-        on_widest(WriteTables { maker: self, axis, samples, re: &room.re, im: &room.im, tables })
+        on_widest(WriteTables { maker: self, axis, samples, re: &room.re, im: &room.im, tables, coarse })
     }
 }
 
@@ -47,6 +47,7 @@ struct WriteTables<'a> {
     re: &'a [f32],
     im: &'a [f32],
     tables: &'a mut [f32],
+    coarse: &'a mut [f32],
 }
 
 impl Kernel for WriteTables<'_> {
@@ -54,18 +55,19 @@ impl Kernel for WriteTables<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, _: S) -> i64 {
-        let Self { maker, axis, samples, re, im, tables } = self;
+        let Self { maker, axis, samples, re, im, tables, coarse } = self;
         let TableMaker { statistic, step, most_steps, stride } = maker;
         let (falloff, entries) = (axis.falloff.as_slice(), axis.falloff.len());
         let (first, others) = tables.split_at_mut(2 * stride);
         match statistic {
-            Statistic::Ls | Statistic::Subaperture => {
+            Statistic::Subaperture => {}
+            Statistic::Ls => {
                 let per = (1.0 / step) as f32;
                 for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
                     *to = ((re * re + im * im) * per).min(most_steps);
                 }
                 write_slopes(first, entries);
-                parabolas::write(&first[..entries], axis.coarse_octaves, others);
+                parabolas::write(&first[..entries], axis.coarse_octaves, coarse);
                 return greatest_integer(&first[..entries]);
             }
             Statistic::Log => {
@@ -75,7 +77,7 @@ impl Kernel for WriteTables<'_> {
                     *to = (math::ln_1p((re * re + im * im) * per2) * per).min(most_steps);
                 }
                 write_slopes(first, entries);
-                parabolas::write(&first[..entries], axis.coarse_octaves, others);
+                parabolas::write(&first[..entries], axis.coarse_octaves, coarse);
                 return greatest_integer(&first[..entries]);
             }
             Statistic::Glrt => {
