@@ -1,4 +1,4 @@
-//! `lab`: experiments, benchmarks and play sessions for radar-chaperone.
+//! `lab`: experiments, benchmarks and play sessions for radar-chaperone, with its allocator.
 
 mod commands;
 
@@ -8,6 +8,9 @@ use clap::{Parser, Subcommand};
 use radar_sar::InstructionSet;
 
 use commands::{BenchmarkCommand, ExperimentCommand, PlaySessions, ResultsCommand};
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Measures radar-chaperone: the thesis' experiments, run time against error, simulated play.
 #[derive(Debug, Parser)]
