@@ -172,7 +172,9 @@ impl SweepStack {
         let stride = (entries + WINDOW + LANES).max(MIN_STRIDE).next_multiple_of(LANES);
         let groups = slots.div_ceil(LANES);
         let coarse_len = match statistic {
-            Statistic::Ls | Statistic::Log => axes.iter().map(Axis::coarse_len).max().unwrap_or(1),
+            Statistic::Ls | Statistic::Log | Statistic::Subaperture => {
+                axes.iter().map(Axis::coarse_len).max().unwrap_or(1)
+            }
             _ => 1,
         };
         Self {

@@ -82,7 +82,8 @@ pub(super) fn write(values: &[f32], octaves: u32, coarse: &mut [f32]) {
 }
 
 /// Number of values in the planes of a table's parabolas over 2^`octaves` entries each, with a window of
-/// zeros beyond the last.
+/// zeros beyond the last. Planes are an odd number of cache lines long, so that those of many sweeps do not
+/// share sets of the cache.
 pub(super) fn len(entries: usize, octaves: u32) -> usize {
     PLANES * (((entries >> octaves) + 1 + WINDOW).div_ceil(LANES) | 1) * LANES
 }

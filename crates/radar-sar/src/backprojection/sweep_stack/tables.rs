@@ -60,8 +60,7 @@ impl Kernel for WriteTables<'_> {
         let (falloff, entries) = (axis.falloff.as_slice(), axis.falloff.len());
         let (first, others) = tables.split_at_mut(2 * stride);
         match statistic {
-            Statistic::Subaperture => {}
-            Statistic::Ls => {
+            Statistic::Ls | Statistic::Subaperture => {
                 let per = (1.0 / step) as f32;
                 for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
                     *to = ((re * re + im * im) * per).min(most_steps);
