@@ -153,8 +153,8 @@ impl RangeCompressor {
     fn pad(&self, room: &mut CompressionScratch) -> usize {
         let phase_len = self.phase_len();
         for padded in &mut room.padded {
-            padded.clear();
             padded.resize(phase_len + 2 * self.reach + 2 + 3 * LANES, 0.0);
+            padded.fill(0.0);
         }
         for filtered in &mut room.filtered {
             filtered.resize(phase_len * self.taps.len(), 0.0);

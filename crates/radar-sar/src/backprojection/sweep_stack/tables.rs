@@ -133,6 +133,7 @@ fn write_slopes(plane: &mut [f32], entries: usize) {
 }
 
 /// Greatest integer that a sweep with these values may add to a voxel.
+#[inline(always)]
 fn greatest_integer(values: &[f32]) -> i64 {
     1 + (parabolas::OVERSHOOT * f64::from(greatest(values))) as i64
 }
