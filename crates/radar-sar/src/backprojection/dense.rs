@@ -4,10 +4,10 @@ use rayon::prelude::*;
 
 use super::brick_geometry::{BrickShape, EDGE, VOXELS};
 use super::grid::BrickGrid;
-use super::power::{AddPower, power_shape};
+use super::power::{AddPower, FillRow, power_shape};
 use super::sweep_stack::SweepStack;
-use super::weighted::{AddWeighted, weighted_shape};
-use crate::simd::LANES;
+use super::weighted::{AddWeighted, WeightedValues, weighted_shape};
+use crate::simd::on_widest;
 use crate::{Statistic, Volume};
 
 /// A volume and the work it took.
@@ -34,17 +34,8 @@ pub fn dense_volume(stack: &SweepStack, grid: &BrickGrid) -> DenseVolume {
     let bricks = Bricks::new(stack, grid);
     let mut volume = grid.volume();
     let [nx, ny, _] = grid.size;
-    let [bricks_x, bricks_y, _] = grid.bricks();
     let slab = EDGE * ny * nx;
-    let fill = |(z, out): (usize, &mut [f32])| {
-        let mut updates = 0;
-        for (y, x) in (0..bricks_y).flat_map(|y| (0..bricks_x).map(move |x| (y, x))) {
-            let (values, worked) = bricks.values([x, y, z]);
-            updates += worked;
-            bricks.put(&values, [x, y], out);
-        }
-        updates
-    };
+    let fill = |(z, out): (usize, &mut [f32])| (0..grid.bricks()[1]).map(|y| bricks.fill_row(y, z, out)).sum::<u64>();
     let updates = volume.values.par_chunks_mut(slab).enumerate().map(fill).sum();
     DenseVolume { volume, updates }
 }
@@ -54,6 +45,8 @@ pub fn dense_volume(stack: &SweepStack, grid: &BrickGrid) -> DenseVolume {
 pub(super) struct Bricks<'a> {
     stack: &'a SweepStack,
     grid: BrickGrid,
+    /// Of the bricks along each axis, relative to the stack's origin.
+    centers_m: [Vec<f32>; 3],
     shape: BrickShape,
     /// All sweeps, for the integer sums.
     slots: Vec<(usize, u16)>,
@@ -63,41 +56,81 @@ impl<'a> Bricks<'a> {
     pub(super) fn new(stack: &'a SweepStack, grid: &BrickGrid) -> Self {
         let phases = stack.statistic() == Statistic::Coherent;
         let shape = if phases { weighted_shape(grid.voxel_m) } else { power_shape(grid.voxel_m) };
-        Self { stack, grid: *grid, shape, slots: (0..stack.groups.len()).map(|group| (group, u16::MAX)).collect() }
+        let slots = (0..stack.groups.len()).map(|group| (group, u16::MAX)).collect();
+        Self { stack, grid: *grid, centers_m: grid.brick_centers(stack.origin_m()), shape, slots }
     }
 
-    /// The statistic at the voxels of a brick, x fastest, and the updates.
-    pub(super) fn values(&self, brick: [usize; 3]) -> ([f32; VOXELS], u64) {
+    /// Writes the statistic at a row of bricks into their slab of four layers; returns the updates.
+    fn fill_row(&self, y: usize, z: usize, slab: &mut [f32]) -> u64 {
+        let row = BrickRow { grid: &self.grid, centers_m: &self.centers_m, y, z };
         let (stack, shape) = (self.stack, self.shape);
-        let center = self.grid.brick_center(brick, stack.origin_m());
         if stack.sums_whole_numbers() {
-            AddPower { stack, shape, center, slots: &self.slots }.values()
-        } else {
-            let found = AddWeighted { stack, shape, center }.values();
-            (found.values, found.updates)
+            return on_widest(FillRow { stack, shape, slots: &self.slots, row, slab });
         }
+        let mut updates = 0;
+        for x in 0..row.bricks() {
+            let found = AddWeighted { stack, shape, center: row.center(x) }.values();
+            row.put(x, &found.values, slab);
+            updates += found.updates;
+        }
+        updates
+    }
+
+    /// A statistic that is not summed in integers at the voxels of a brick, and the updates.
+    pub(super) fn weighted(&self, brick: [usize; 3]) -> WeightedValues {
+        AddWeighted { stack: self.stack, shape: self.shape, center: self.center(brick) }.values()
+    }
+
+    fn center(&self, [x, y, z]: [usize; 3]) -> [f32; 3] {
+        [self.centers_m[0][x], self.centers_m[1][y], self.centers_m[2][z]]
     }
 
     /// Adds one group of sweeps to a brick's integer sums; returns the updates.
     pub(super) fn add_group(&self, brick: [usize; 3], group: usize, sums: &mut [i64; VOXELS]) -> u64 {
-        let center = self.grid.brick_center(brick, self.stack.origin_m());
+        let center = self.center(brick);
         let slots = &self.slots[group..=group];
         let found = AddPower { stack: self.stack, shape: self.shape, center, slots }.sums();
         sums.iter_mut().zip(found.sums).for_each(|(sum, more)| *sum += more);
         found.updates
     }
+}
 
-    /// Writes a brick's values into its slab of four layers, row by row; voxels beyond the box are
-    /// left out.
-    fn put(&self, values: &[f32; VOXELS], [x, y]: [usize; 2], slab: &mut [f32]) {
-        let [nx, ny, _] = self.grid.size;
-        let (x, y) = (x * EDGE, y * EDGE);
-        for (layer, values) in slab.chunks_exact_mut(nx * ny).zip(values.chunks_exact(LANES)) {
-            for (row, values) in (y..ny).zip(values.as_chunks::<EDGE>().0) {
-                let to = &mut layer[row * nx + x..(row + 1) * nx];
+/// A row of bricks along x in a slab of four layers of voxels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BrickRow<'a> {
+    grid: &'a BrickGrid,
+    /// Along each axis, relative to the stack's origin.
+    centers_m: &'a [Vec<f32>; 3],
+    y: usize,
+    z: usize,
+}
+
+impl BrickRow<'_> {
+    #[inline(always)]
+    pub(super) fn bricks(&self) -> usize {
+        self.centers_m[0].len()
+    }
+
+    #[inline(always)]
+    pub(super) fn center(&self, x: usize) -> [f32; 3] {
+        [self.centers_m[0][x], self.centers_m[1][self.y], self.centers_m[2][self.z]]
+    }
+
+    /// Writes a brick's values into the slab; voxels beyond the box are left out. Not inlined: in a kernel,
+    /// it would take registers from the sums.
+    #[inline(never)]
+    pub(super) fn put(&self, x: usize, values: &[f32; VOXELS], slab: &mut [f32]) {
+        let [nx, ny, nz] = self.grid.size;
+        let (x, y, layers) = (x * EDGE, self.y * EDGE, (nz - self.z * EDGE).min(EDGE));
+        let (rows, columns) = ((ny - y).min(EDGE), (nx - x).min(EDGE));
+        let from = values.as_chunks::<EDGE>().0;
+        for layer in 0..layers {
+            for row in 0..rows {
+                let to = &mut slab[(layer * ny + y + row) * nx + x..][..columns];
+                let four = &from[layer * EDGE + row];
                 match to.first_chunk_mut() {
-                    Some(four) => *four = *values,
-                    None => to.copy_from_slice(&values[..to.len()]),
+                    Some(to) => *to = *four,
+                    None => to.copy_from_slice(&four[..columns]),
                 }
             }
         }
@@ -116,7 +149,7 @@ mod tests {
     use super::*;
     use crate::Oracle;
     use crate::geometry::{Aabb, Pose};
-    use crate::simd::on_each;
+    use crate::simd::{Kernel, Lanes, on_each};
     use crate::subaperture::SubapertureSettings;
     use crate::test_data::{Echo, on_one_thread, sweeps, winding};
     use crate::{Beam, Observation, RangeAxis, SweepGeometry};
@@ -244,6 +277,24 @@ mod tests {
         }
     }
 
+    /// The values of a row of integer sums, and the updates.
+    #[derive(Clone)]
+    struct RowOf<'a>(&'a Bricks<'a>, [usize; 2]);
+
+    impl Kernel for RowOf<'_> {
+        type Out = (Vec<u32>, u64);
+
+        #[inline(always)]
+        fn run<S: Lanes>(self, s: S) -> Self::Out {
+            let Self(bricks, [y, z]) = self;
+            let Bricks { stack, shape, slots, grid, centers_m } = bricks;
+            let mut slab = vec![0.0; EDGE * grid.size[1] * grid.size[0]];
+            let row = BrickRow { grid, centers_m, y, z };
+            let updates = FillRow { stack, shape: *shape, slots, row, slab: &mut slab }.run(s);
+            (slab.into_iter().map(f32::to_bits).collect(), updates)
+        }
+    }
+
     #[test]
     fn result_is_independent_of_threads_and_instruction_set() {
         let observations = observations(2);
@@ -253,6 +304,12 @@ mod tests {
             assert_eq!(on_one_thread(|| volume(statistic, &Beam::Thesis, &observations, &grid)), many);
             let (stack, _) = SweepStack::of(statistic, &Beam::Thesis, &observations, grid.middle_m());
             let bricks = Bricks::new(&stack, &grid);
+            if stack.sums_whole_numbers() {
+                for row in [[0, 0], [2, 4], [6, 6]] {
+                    let all = on_each(&RowOf(&bricks, row));
+                    assert!(all.windows(2).all(|two| two[0] == two[1]));
+                }
+            }
             for brick in [[0, 0, 0], [3, 2, 4], [6, 6, 6]] {
                 let center = grid.brick_center(brick, stack.origin_m());
                 let (stack, shape) = (&stack, bricks.shape);

@@ -45,6 +45,12 @@ impl BrickGrid {
         (self.origin_m - from + voxels * self.voxel_m).as_vec3().to_array()
     }
 
+    /// Centres of the bricks along each axis relative to `from`, metres.
+    pub(super) fn brick_centers(&self, from: DVec3) -> [Vec<f32>; 3] {
+        let along = |axis: usize| (0..self.bricks()[axis]).map(|n| self.brick_center([n; 3], from)[axis]).collect();
+        [along(0), along(1), along(2)]
+    }
+
     /// Voxels of a brick within the box: (index in the brick, index into a volume's values).
     pub(super) fn voxels_of(&self, brick: [usize; 3]) -> impl Iterator<Item = (usize, usize)> + use<> {
         let [nx, ny, nz] = self.size;

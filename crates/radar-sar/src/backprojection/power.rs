@@ -7,6 +7,7 @@
 
 use super::brick_geometry::{BrickShape, Distances, EDGE, Offsets, Sight, VOXELS};
 use super::curves::{Curves, LinearWindow};
+use super::dense::BrickRow;
 use super::edge_geometry::{AtEdge, DISTANCE_ERROR_M, Edges, Exact, FromPoses, from_sensor, fully_visible, read};
 use super::places::{Expansion, Windows};
 use super::sweep_stack::{Parabolas, SweepStack, WINDOW};
@@ -43,11 +44,6 @@ impl AddPower<'_> {
     pub(super) fn sums(self) -> PowerSums {
         on_widest(self)
     }
-
-    /// The same as values of the statistic.
-    pub(super) fn values(self) -> ([f32; VOXELS], u64) {
-        on_widest(PowerValues(self))
-    }
 }
 
 impl Kernel for AddPower<'_> {
@@ -55,7 +51,7 @@ impl Kernel for AddPower<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> PowerSums {
-        let (inner, outer, updates) = self.accumulate(s);
+        let (inner, outer, updates) = self.accumulate(s, &mut Geometry::new());
         let mut sums = [0; VOXELS];
         inner.add_to(s, &mut sums);
         outer.add_to(s, &mut sums);
@@ -63,19 +59,40 @@ impl Kernel for AddPower<'_> {
     }
 }
 
-struct PowerValues<'a>(AddPower<'a>);
+/// Writes values of the statistic at a row of bricks into their slab; the updates.
+pub(super) struct FillRow<'a> {
+    pub stack: &'a SweepStack,
+    pub shape: BrickShape,
+    pub slots: &'a [(usize, u16)],
+    pub row: BrickRow<'a>,
+    pub slab: &'a mut [f32],
+}
 
-impl Kernel for PowerValues<'_> {
-    type Out = ([f32; VOXELS], u64);
+impl Kernel for FillRow<'_> {
+    type Out = u64;
 
     #[inline(always)]
-    fn run<S: Lanes>(self, s: S) -> Self::Out {
-        let stack = self.0.stack;
-        let (inner, outer, updates) = self.0.accumulate(s);
+    fn run<S: Lanes>(self, s: S) -> u64 {
+        let Self { stack, shape, slots, row, slab } = self;
+        let (mut geometry, mut updates) = (Geometry::new(), 0);
+        for x in 0..row.bricks() {
+            let (values, worked) = AddPower { stack, shape, center: row.center(x), slots }.values(s, &mut geometry);
+            row.put(x, &values, slab);
+            updates += worked;
+        }
+        updates
+    }
+}
+
+impl AddPower<'_> {
+    /// Values of the statistic, and the updates.
+    #[inline(always)]
+    fn values<S: Lanes>(&self, s: S, geometry: &mut Geometry) -> ([f32; VOXELS], u64) {
+        let (inner, outer, updates) = self.accumulate(s, geometry);
         let mut values = [0.0; VOXELS];
         if inner.wide.is_none() && outer.wide.is_none() && inner.greatest + outer.greatest <= i64::from(i32::MAX) {
             // The step is a power of two, so this rounds as `value_of` does.
-            let step = s.splat(stack.step() as f32);
+            let step = s.splat(self.stack.step() as f32);
             for (layer, values) in values.as_chunks_mut().0.iter_mut().enumerate() {
                 let sum = s.max_int(s.add_int(inner.narrow[layer], outer.narrow[layer]), s.splat_int(0));
                 *values = s.store(s.mul(s.to_float(sum), step));
@@ -86,22 +103,20 @@ impl Kernel for PowerValues<'_> {
         inner.add_to(s, &mut sums);
         outer.add_to(s, &mut sums);
         for (value, sum) in values.iter_mut().zip(sums) {
-            *value = stack.value_of(sum);
+            *value = self.stack.value_of(sum);
         }
         (values, updates)
     }
-}
 
-impl AddPower<'_> {
     /// Sums of the sweeps that see the whole brick, of the others, and the updates.
     #[inline(always)]
-    fn accumulate<S: Lanes>(&self, s: S) -> (Accumulator<S>, Accumulator<S>, u64) {
+    fn accumulate<S: Lanes>(&self, s: S, geometry: &mut Geometry) -> (Accumulator<S>, Accumulator<S>, u64) {
         let offsets = Offsets::new(s, &self.shape);
         let (mut inner, mut outer) = (Accumulator::new(s), Accumulator::new(s));
         let (mut narrow, mut updates) = (inner.narrow, 0);
         // Some groups at once: while the first's sweeps are added, the geometry of the last is still on
         // its way through square roots and divisions.
-        let (mut distances, mut rays) = ([Distances::NONE; GROUPS_AT_ONCE], [Rays::NONE; GROUPS_AT_ONCE]);
+        let Geometry { distances, rays } = geometry;
         for some in self.slots.chunks(GROUPS_AT_ONCE) {
             let mut inside = [0; GROUPS_AT_ONCE];
             for (n, &(group, _)) in some.iter().enumerate() {
@@ -134,6 +149,19 @@ impl AddPower<'_> {
         }
         inner.narrow = narrow;
         (inner, outer, updates)
+    }
+}
+
+/// Room for the geometry of the groups at hand, reused from brick to brick: clearing it would take
+/// as long as some sweeps.
+struct Geometry {
+    distances: [Distances; GROUPS_AT_ONCE],
+    rays: [Rays; GROUPS_AT_ONCE],
+}
+
+impl Geometry {
+    fn new() -> Self {
+        Self { distances: [Distances::NONE; GROUPS_AT_ONCE], rays: [Rays::NONE; GROUPS_AT_ONCE] }
     }
 }
 

@@ -172,8 +172,8 @@ impl Searcher<'_> {
     /// group by group and abandoned as soon as the remaining bounds do not suffice for any voxel.
     fn brick(&self, at: [usize; 3], limit: f32, rest: &[i64]) -> (Option<[f32; VOXELS]>, u64) {
         if !self.stack.sums_whole_numbers() {
-            let (values, updates) = self.bricks.values(at);
-            return (Some(values), updates);
+            let found = self.bricks.weighted(at);
+            return (Some(found.values), found.updates);
         }
         let (mut sums, mut updates) = ([0i64; VOXELS], 0);
         for (group, rest) in rest[1..].iter().enumerate() {
