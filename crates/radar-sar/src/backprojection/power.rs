@@ -4,6 +4,11 @@
 //! The sum therefore depends neither on the order of the sweeps nor on earlier additions and
 //! subtractions: rolling, adaptive and dense images are equal bit for bit. 32-bit sums are moved to
 //! 64 bits before they could overflow.
+//!
+//! Bound: with AVX2, a sweep over a brick of coarse voxels takes 36 multiply-adds, 24 permutes, 16
+//! conversions and 12 additions of eight lanes, 22 cycles on the four ports of Zen 4. Measured there
+//! (`cargo bench -p radar-sar --bench backprojection`): 50, with AVX-512 40, and 13 for a sixteenth of a
+//! group's geometry. In a loop of their own, lookups take 25: permutes and multiply-adds share a port.
 
 use super::brick_geometry::{BrickShape, Distances, EDGE, Offsets, Sight, VOXELS};
 use super::curves::{Curves, LinearWindow};

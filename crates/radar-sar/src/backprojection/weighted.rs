@@ -5,6 +5,10 @@
 //! such sweeps as ten coefficients and evaluated once per brick. Elsewhere A comes from the beam's
 //! polynomial or table voxel by voxel. Voxels are summed in f32, group by group of sixteen sweeps in order, with
 //! separate sums for the sweeps at an edge.
+//!
+//! Bound: with AVX2, `coherent` takes 152 multiply-adds, 32 permutes and 28 additions of eight lanes for a
+//! sweep over a brick of fine voxels, 76 cycles on the two ports of Zen 4 that multiply. Measured there
+//! (`cargo bench -p radar-sar --bench backprojection`): 130, and 40 for a sixteenth of a group's geometry.
 
 mod beam_expansion;
 mod phase;

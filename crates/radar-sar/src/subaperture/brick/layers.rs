@@ -1,4 +1,8 @@
 //! Adds a leaf's sums to the layers of a box's voxels.
+//!
+//! Bound: with AVX2, sixteen voxels take 66 multiply-adds of eight lanes, two roots and two divisions, on
+//! the two ports of Zen 4 that multiply 43 cycles. Measured there (`cargo bench -p radar-sar --bench field`,
+//! profiled): 60. The tables of a leaf take 34 for each sweep and 280 for each table (`tables.rs`).
 
 use super::super::Subaperture;
 use super::super::kernel::HALF_TURNS_PER_M;
