@@ -51,14 +51,24 @@ pub(super) fn tile_radius_m(voxel_m: f64) -> f64 {
     1.5 * 3f64.sqrt() * voxel_m * 1.000_01
 }
 
+/// Starts of a box's tables in a part of the rows. Choice: twice as many as a table has entries; a part of 70 sweeps is then
+/// 80 kB, and the rows take half as much again as without parts.
+const STARTS: usize = 2 * ENTRIES;
+/// Number of values of a row in a part.
+pub(super) const ROW: usize = STARTS + ENTRIES;
+
 /// z of all sweeps, arranged so that every `stride`-th entry is contiguous.
 #[derive(Debug, Clone)]
 pub(super) struct Rows {
-    /// `[sweep][phase][re, im][entry / stride]`, zero-padded on either side.
+    /// `[part][sweep][phase][re, im][entry / stride]`, zero-padded on either side: a part holds [`STARTS`] starts of a
+    /// box's tables, and the entries that the last of them needs. What a box reads of all sweeps lies in one part or two,
+    /// on few pages, which a processor's first level of address translation covers.
     values: Vec<f32>,
+    /// Number of values of a sweep in a part.
     sweep_len: usize,
-    row_len: usize,
-    /// `[entry]`: index, within a sweep's values, of the row that begins with that entry.
+    stride: usize,
+    sweeps: usize,
+    /// `[entry]`: index, in the first sweep's values, of the row that begins with that entry.
     starts: Vec<u32>,
     /// Fractional entry = range · entries_per_m + entry_at_zero.
     entries_per_m: f32,
@@ -75,15 +85,19 @@ impl Rows {
         let [fine, coarse] = [ENTRY_WIDTHS, MAX_ENTRY_WIDTHS].map(|widths| (widths * pulse_m / step_m) as usize);
         let stride = for_tile.clamp(fine, coarse).max(1);
         let zeros = (ENTRIES + 1) * stride;
-        let row_len = (entries + 2 * zeros).div_ceil(stride);
-        let starts = (0..entries + zeros + stride).map(|n| (n % stride * 2 * row_len + n / stride) as u32).collect();
-        let sweep_len = 2 * row_len * stride;
+        let starts = entries + zeros + stride;
+        let (sweep_len, parts) = (2 * ROW * stride, ((starts - 1) / stride / STARTS) + 1);
+        let start = |n: usize| {
+            let (row, phase) = (n / stride, n % stride);
+            row / STARTS * sweeps * sweep_len + phase * 2 * ROW + row % STARTS
+        };
         let box_step_m = stride as f64 * step_m;
         Self {
-            values: vec![0.0; sweep_len * sweeps],
+            values: vec![0.0; parts * sweeps * sweep_len],
             sweep_len,
-            row_len,
-            starts,
+            stride,
+            sweeps,
+            starts: (0..starts).map(|n| start(n) as u32).collect(),
             entries_per_m: (1.0 / step_m) as f32,
             // The first entry of a box's table lies before its middle.
             entry_at_zero: (zeros as f64 - (first_m + f64::from(MIDDLE) * box_step_m) / step_m) as f32,
@@ -94,18 +108,32 @@ impl Rows {
     /// Without memory, for sub-apertures that evaluate single points only.
     pub fn none() -> Self {
         let (values, starts, none) = (Vec::new(), Vec::new(), 0.0);
-        Self { values, sweep_len: 0, row_len: 0, starts, entries_per_m: none, entry_at_zero: none, box_step_m: none }
+        Self {
+            values,
+            sweep_len: 0,
+            stride: 0,
+            sweeps: 0,
+            starts,
+            entries_per_m: none,
+            entry_at_zero: none,
+            box_step_m: none,
+        }
     }
 
     /// Sets a sweep's entries.
     pub fn set(&mut self, sweep: usize, re: &[f32], im: &[f32]) {
-        let (stride, len) = (self.sweep_len / (2 * self.row_len), self.row_len);
-        let rows = self.values[sweep * self.sweep_len..][..self.sweep_len].chunks_exact_mut(2 * len);
-        for (phase, row) in rows.enumerate() {
-            let (row_re, row_im) = row.split_at_mut(len);
-            for (row, values) in [(row_re, re), (row_im, im)] {
-                let places = row[ENTRIES + 1..].iter_mut();
-                places.zip(values.iter().skip(phase).step_by(stride)).for_each(|(to, value)| *to = *value);
+        let (stride, len) = (self.stride, self.sweep_len);
+        let sweeps = self.values.chunks_exact_mut(len).skip(sweep);
+        for (part, values) in sweeps.step_by(self.sweeps).enumerate() {
+            for (phase, rows) in values.chunks_exact_mut(2 * ROW).enumerate() {
+                let (row_re, row_im) = rows.split_at_mut(ROW);
+                // The first ENTRIES + 1 entries of a row are zeros.
+                let first = part * STARTS;
+                let (zeros, skipped) = ((ENTRIES + 1).saturating_sub(first), first.saturating_sub(ENTRIES + 1));
+                for (row, values) in [(row_re, re), (row_im, im)] {
+                    let entries = values.iter().skip(skipped * stride + phase).step_by(stride);
+                    row[zeros..].iter_mut().zip(entries).for_each(|(to, value)| *to = *value);
+                }
             }
         }
     }
