@@ -62,7 +62,7 @@ impl<'a> Bricks<'a> {
 
     /// Writes the statistic at a row of bricks into their slab of four layers; returns the updates.
     fn fill_row(&self, y: usize, z: usize, slab: &mut [f32]) -> u64 {
-        let row = BrickRow { grid: &self.grid, centers_m: &self.centers_m, y, z };
+        let row = self.row(y, z);
         let (stack, shape) = (self.stack, self.shape);
         if stack.sums_whole_numbers() {
             return on_widest(FillRow { stack, shape, slots: &self.slots, row, slab });
@@ -81,8 +81,12 @@ impl<'a> Bricks<'a> {
         AddWeighted { stack: self.stack, shape: self.shape, center: self.center(brick) }.values()
     }
 
+    fn row(&self, y: usize, z: usize) -> BrickRow<'_> {
+        BrickRow { grid: &self.grid, centers_m: &self.centers_m, y, z }
+    }
+
     fn center(&self, [x, y, z]: [usize; 3]) -> [f32; 3] {
-        [self.centers_m[0][x], self.centers_m[1][y], self.centers_m[2][z]]
+        self.row(y, z).center(x)
     }
 
     /// Adds one group of sweeps to a brick's integer sums; returns the updates.
@@ -287,10 +291,9 @@ mod tests {
         #[inline(always)]
         fn run<S: Lanes>(self, s: S) -> Self::Out {
             let Self(bricks, [y, z]) = self;
-            let Bricks { stack, shape, slots, grid, centers_m } = bricks;
+            let Bricks { stack, shape, slots, grid, .. } = bricks;
             let mut slab = vec![0.0; EDGE * grid.size[1] * grid.size[0]];
-            let row = BrickRow { grid, centers_m, y, z };
-            let updates = FillRow { stack, shape: *shape, slots, row, slab: &mut slab }.run(s);
+            let updates = FillRow { stack, shape: *shape, slots, row: bricks.row(y, z), slab: &mut slab }.run(s);
             (slab.into_iter().map(f32::to_bits).collect(), updates)
         }
     }

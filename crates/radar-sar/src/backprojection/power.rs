@@ -7,8 +7,8 @@
 //!
 //! Bound: with AVX2, a sweep over a brick of coarse voxels takes 36 multiply-adds, 24 permutes, 16
 //! conversions and 12 additions of eight lanes, 22 cycles on the four ports of Zen 4. Measured there
-//! (`cargo bench -p radar-sar --bench backprojection`): 50, with AVX-512 40, and 13 for a sixteenth of a
-//! group's geometry. In a loop of their own, lookups take 25: permutes and multiply-adds share a port.
+//! (`cargo bench -p radar-sar --bench backprojection`): 50, with AVX-512 40, and 170 for the geometry of a
+//! group. In a loop of their own, lookups take 25: permutes and multiply-adds share a port.
 
 use super::brick_geometry::{BrickShape, Distances, EDGE, Offsets, Sight, VOXELS};
 use super::curves::{Curves, LinearWindow};
@@ -64,10 +64,11 @@ impl Kernel for AddPower<'_> {
     }
 }
 
-/// Writes values of the statistic at a row of bricks into their slab; the updates.
+/// Writes values of the statistic at a row of bricks into their slab; returns the updates.
 pub(super) struct FillRow<'a> {
     pub stack: &'a SweepStack,
     pub shape: BrickShape,
+    /// See [`AddPower::slots`].
     pub slots: &'a [(usize, u16)],
     pub row: BrickRow<'a>,
     pub slab: &'a mut [f32],

@@ -2,7 +2,7 @@
 
 use super::super::Subaperture;
 use super::super::leaf::Leaf;
-use super::{ROW, Scratch};
+use super::{ROW_LEN, Scratch};
 use crate::PHASE_RAD_PER_M;
 use crate::simd::{LANES, Lanes};
 
@@ -39,7 +39,7 @@ pub(super) fn tabulate<S: Lanes, const ORDER: usize>(
         let share = s.splat(share);
         let (from, to) = (s.load_at(&rows.values, here), s.load_at(&rows.values, next));
         let re = s.mul_add(share, s.sub(to, from), from);
-        let (from, to) = (s.load_at(&rows.values, here + ROW), s.load_at(&rows.values, next + ROW));
+        let (from, to) = (s.load_at(&rows.values, here + ROW_LEN), s.load_at(&rows.values, next + ROW_LEN));
         let im = s.mul_add(share, s.sub(to, from), from);
         energy = s.mul_add(re, re, s.mul_add(im, im, energy));
         let (cos, sin) = (s.splat(cos), s.splat(sin));
